@@ -1,4 +1,4 @@
-"""The boards as a tidy list for other programs; their first tables for papers and terminals."""
+"""The boards as tidy rows for other programs; their first tables for papers and terminals."""
 
 from __future__ import annotations
 
@@ -39,12 +39,15 @@ LATEX_NOTE = r"mean over seeds [95\,\% interval over presses]"
 
 
 def tidy_rows(board: Path) -> list[dict[str, Any]]:
-    """Return a line for every board, row and metric: rank, mean over seeds, interval, counts."""
+    """Return one line for every board, row and metric: rank, mean over seeds, interval, counts.
+
+    Costs have their own lines, one for every machine that a row was timed on.
+    """
     return [line for protocol in _protocols() for line in protocol_rows(board, protocol)]
 
 
 def protocol_rows(board: Path, protocol: LoadedProtocol) -> list[dict[str, Any]]:
-    """Return a line for every row and metric of one board."""
+    """Return one line for every row and metric of one board, as ``tidy_rows``."""
     lines, name = [], protocol.name
     sections, errors = _sections(board, protocol)
     for section in sections:
@@ -56,18 +59,18 @@ def protocol_rows(board: Path, protocol: LoadedProtocol) -> list[dict[str, Any]]
 
 
 def _protocols() -> list[LoadedProtocol]:
-    """Return all protocols that ship, each with its archived versions behind the present one."""
+    """Return all protocols that ship, the present version of each before its archived ones."""
     return [version for name in protocol_files() for version in protocol_versions(name)]
 
 
 def board_csv(lines: list[dict[str, Any]]) -> str:
-    """Return tidy rows as CSV; lists are written with spaces between."""
+    """Return tidy rows as CSV; the items of a list are separated by spaces."""
     heads = list(dict.fromkeys(key for line in lines for key in line))
     return csv_text(table(heads, [[_cell(line.get(head)) for head in heads] for line in lines]))
 
 
 def board_latex(board: Path) -> str:
-    """Return the first table of every section of every board."""
+    """Return the first table of every section of every board, as LaTeX."""
     texts = []
     for protocol in _protocols():
         for first, signatures in first_tables(board, protocol):

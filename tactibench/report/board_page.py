@@ -101,8 +101,8 @@ class PageSection:
     """The tables of one sensor.
 
     Attributes:
-        section: Its rows, sensor and test frames.
-        rows: Those of the first table, in their order.
+        section: Rows, sensor and test frames.
+        rows: Rows of the first table, in their order.
         curves: Learning curves.
         blocks: All tables and notes.
     """
@@ -114,7 +114,7 @@ class PageSection:
 
     @property
     def title(self) -> str:
-        """The sensor and what it was tested on."""
+        """The sensor, and the test frames where they are not its own."""
         return self.section.title
 
 
@@ -123,10 +123,10 @@ class BoardPage:
     """A board as blocks.
 
     Attributes:
-        title: The protocol's.
-        intro: What holds for its tables alone; ``READING`` holds for those of all boards.
-        sections: The tables of each sensor.
-        published: With its heading; empty where no paper has a row.
+        title: Title of the protocol.
+        intro: Notes on the tables of this board alone; ``READING`` holds for those of all boards.
+        sections: Tables of each sensor.
+        published: Published tables with their heading; empty where no paper has a row.
         timed_on: The machines behind the fingerprints; empty where nothing was timed.
         versions: Pages of the other versions of the protocol, without ``.md``.
     """
@@ -141,7 +141,8 @@ class BoardPage:
     def markdown(self) -> str:
         """Return the page as it stands under ``leaderboards/``.
 
-        Two screens: the first table of the first sensor, all others behind their titles.
+        It is about two screens long: the first table of the first sensor is shown, all others are
+        folded behind their titles.
         """
         costs = [READING_COSTS] if self.timed_on else []
         blocks: list[Block] = [Group("How to read the tables", (READING, *costs)), *self.intro]
@@ -162,13 +163,13 @@ class BoardPage:
 
 @dataclass(frozen=True)
 class PageFile:
-    """The file of a page, and what it was made from.
+    """The file of a page, and the records that it was made from.
 
     Attributes:
-        path: Under ``leaderboards/``.
-        text: What it shall hold.
-        protocol: One version.
-        submissions: Records of that version, and of those that are not kept.
+        path: File under ``leaderboards/``.
+        text: Text that it shall hold.
+        protocol: One version of a protocol.
+        submissions: Records of that version, and of versions that are not kept.
     """
 
     path: Path
@@ -183,19 +184,19 @@ class PageFile:
 
     @property
     def on_curve(self) -> int:
-        """Number of records of fewer presses, which belong to a learning curve alone."""
+        """Number of records of fewer presses, which belong to learning curves."""
         return self.records - len(whole(self.submissions))
 
     @property
     def current(self) -> bool:
-        """True if the file holds this very text."""
+        """True if the file holds exactly this text."""
         try:
             return self.path.read_text(encoding="utf-8") == self.text
         except (OSError, UnicodeDecodeError):
             return False
 
     def write(self) -> None:
-        """Write the file at once."""
+        """Write the file, whole or not at all."""
         with atomic(self.path) as stream:
             stream.write(self.text.encode())
 
@@ -203,8 +204,11 @@ class PageFile:
 def page_files(board: Path) -> list[PageFile]:
     """Return the page of every protocol that has committed records, made from them.
 
-    A page that is there already stays, so that a row can be taken away. An archived version has a
-    page where it has records.
+    A page that exists already stays even without records, so that a row can be removed. An archived
+    version has a page where it has records.
+
+    Args:
+        board: Folder of the board.
 
     Raises:
         UserError: There is no board, or it holds records of an unknown protocol.
@@ -222,13 +226,13 @@ def page_files(board: Path) -> list[PageFile]:
 
 def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTable]:
     """Return the published tables of a protocol: the board's own, or those of the package."""
-    own = board / "published"
-    folder = own if own.is_dir() else shipped_folder("published")
+    folder_of_board = board / "published"
+    folder = folder_of_board if folder_of_board.is_dir() else shipped_folder("published")
     return published_for(protocol.spec, folder)
 
 
 def _version_pages(board: Path, name: str) -> list[PageFile]:
-    """Return the page of the present version, and of those others that have records."""
+    """Return the pages of a protocol: the present version, and other versions with records."""
     all_records = read_submissions(board, name)
     if not all_records and not (board / f"{name}.md").is_file():
         return []  # the board of a laboratory shows its own protocols, not all that ship
@@ -260,10 +264,10 @@ def board_page(
     """Return the page of a board.
 
     Args:
-        protocol: One version of it.
-        records: Those of this version, and of others that are not kept.
+        protocol: One version of a protocol.
+        records: Records of this version, and of versions that are not kept.
         published: Tables of papers.
-        errors: Press by press, of the records that have predictions beside them.
+        errors: Errors press by press, of the records that have predictions beside them.
     """
     name = protocol.spec.id
     spec = board_spec(protocol.name)
@@ -289,9 +293,11 @@ def board_page(
     title = f"{protocol.name}: {protocol.spec.title}"
     if protocol.archived:
         title += f" (archived: version {protocol.spec.version})"
-    said: set[str] = set()
-    sections = tuple(replace(one, blocks=say_once(one.blocks, said, set())) for one in sections)
-    timed_on = machine_list(row for one in sections for row in one.rows)
+    guides_shown: set[str] = set()
+    sections = tuple(
+        replace(part, blocks=say_once(part.blocks, guides_shown, set())) for part in sections
+    )
+    timed_on = machine_list(row for part in sections for row in part.rows)
     papers = tuple(published_blocks(name, published))
     return BoardPage(title, tuple(intro), sections, papers, tuple(timed_on))
 
@@ -322,7 +328,13 @@ def _page_section(
 ) -> PageSection:
     """Return a section of a board.
 
-    records: of the section. whole_records: of all sections, that learned from all presses.
+    Args:
+        spec: Tables of the board.
+        section: Rows of the section.
+        protocol: One version of a protocol.
+        records: Records of the section.
+        whole_records: Records of all sections that learned from all presses.
+        errors: Errors press by press, by the name of the record.
     """
     name, first = protocol.name, section.record
     rows = ordered(name, section.rows)
@@ -336,8 +348,10 @@ def _page_section(
     ranked = ranks(name, rows, errors)
     for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):
         if table.apart:
-            own = ordered(name, rows, table.apart)
-            blocks.append(metric_table(table, own, ranks(name, own, errors, table.apart)))
+            ordered_rows = ordered(name, rows, table.apart)
+            blocks.append(
+                metric_table(table, ordered_rows, ranks(name, ordered_rows, errors, table.apart))
+            )
         else:
             blocks.append(metric_table(table, rows, None if k else ranked))
     if first.test_sensor is not None and spec.ranking is not None:
@@ -356,12 +370,12 @@ def _page_section(
     summary = f"Signature{'s' if len(runs) > 1 else ''} of {plural(len(runs), 'run')}"
     blocks += missing_trivial(name, rows)
     blocks.append(Group("Commits and signatures", (list_commits(runs), Fold(summary, signatures))))
-    kept = tuple(block for block in blocks if block is not None)
-    return PageSection(section, tuple(rows), learning, kept)
+    present = tuple(block for block in blocks if block is not None)
+    return PageSection(section, tuple(rows), learning, present)
 
 
 def _all_metrics(rows: Sequence[Row]) -> BoardTable:
-    """Return the table of a protocol that declares none."""
+    """Return the table of a protocol whose board declares none."""
     names = dict.fromkeys(
         m.metric for row in rows for record in row.records for m in record.metrics
     )

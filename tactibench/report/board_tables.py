@@ -1,4 +1,4 @@
-"""Tables of a board: one row a model in one configuration, its training seeds pooled."""
+"""Tables of a board: one row for each model in one configuration, its training seeds pooled."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def identity(row: Row) -> list[Cell]:
 
 
 def seed_count(count: int) -> str:
-    """Return "3", or "1 seed": one says nothing about the others."""
+    """Return "3", or "1 seed", which warns that nothing is known of the spread of seeds."""
     return "1 seed" if count == 1 else str(count)
 
 
@@ -70,9 +70,9 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     """Return the table of a board; None where it is optional and no row has its first column.
 
     Args:
-        spec: Which metrics stand in the table.
-        rows: In the order of the table.
-        ranks: Of the rows, in a column before the others; None: no such column.
+        spec: Metrics of the table.
+        rows: Rows, in the order of the table.
+        ranks: Ranks of the rows, for a column before the others; None: no such column.
     """
     first = spec.columns[0]
     pooled = [row.metric(first.metric, first.group) for row in rows]
@@ -101,18 +101,21 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     presses = [count for value in pooled if value is not None for count in value.clusters]
     counted = f"{span(presses)} presses." if presses else ""
     note = " ".join(filter(None, (counted, "" if ranks is None else ranks.note)))
-    made = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
+    result = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
     linked = ranks is not None and not spec.apart  # a row has one place to link to
-    return made if not linked else replace(made, anchors=tuple(map(row_anchor, rows)))
+    return result if not linked else replace(result, anchors=tuple(map(row_anchor, rows)))
 
 
 def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Ranking) -> Table | None:
     """Return the error of rows beside that of the same weights on the protocol's own test.
 
     Args:
-        rows: Tested on something else.
-        own: The same weights on the protocol's own test, row by row; None where they were not.
-        error: That ranks the board.
+        rows: Rows that were tested on something else.
+        own: Rows of the same weights on the protocol's own test; None where there are none.
+        error: Error that ranks the board.
+
+    Returns:
+        None where no row was tested on the protocol's own test.
     """
     if not any(own):
         return None
@@ -122,8 +125,8 @@ def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Rankin
         return metric_number(pooled, error.decimals)
 
     body = [
-        [*identity(here), written(here), written(there)]
-        for here, there in zip(rows, own, strict=True)
+        [*identity(tested), written(tested), written(on_own_test)]
+        for tested, on_own_test in zip(rows, own, strict=True)
     ]
     head = f"{error.name}, {error.unit}"
     heads = [*IDENTITY, Column(f"here: {head}"), Column(f"the protocol's own test: {head}")]
@@ -160,14 +163,14 @@ def _spread(pooled: PooledMetric | None, decimals: int) -> Number | None:
 
 
 def _share_below(row: Row, column: MetricColumn, spec: BoardTable) -> str:
-    """Return the share that qualifies an error of one distance."""
+    """Return the share that qualifies an error and stands below it, or ""."""
     share = spec.below.get(column.metric)
     pooled = None if share is None else row.metric(share, column.group)
     return "" if pooled is None else f"{number(100 * pooled.value, 0)} %"
 
 
 def cost_blocks(rows: Sequence[Row]) -> list[Block]:
-    """Return the tables of latency and cost."""
+    """Return the tables of latency and cost, folded behind a title."""
     parts = [part for row in rows for part in by_machine(row)]
     latencies = table(
         (
@@ -240,7 +243,7 @@ def _mean(row: Row, quantity: Callable[[Record], float | None], write: Format) -
 
 
 def _deviation(values: Sequence[float], write: Format) -> Number | None:
-    """Return the sample standard deviation over seeds, None for one."""
+    """Return the sample standard deviation over seeds, None for one seed."""
     return Number(statistics.stdev(values), write) if len(values) > 1 else None
 
 
@@ -262,7 +265,7 @@ def _machine(record: Record) -> str:
 
 
 def curve_table(curves: Sequence[Curve], error: Ranking) -> Table | None:
-    """Return the learning curves, a column for every number of presses; None without curves."""
+    """Return the learning curves with a column for every number of presses; None without curves."""
     if not curves:
         return None
     presses = counts(curves)
@@ -291,7 +294,7 @@ def _step_number(step: Step | None, decimals: int) -> Number | None:
 
 
 def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[Block]:
-    """Return the published rows of a protocol, a table a paper, with where they come from."""
+    """Return the published rows of a protocol, one table a paper, with their sources."""
     blocks: list[Block] = []
     for paper in papers:
         if rows := rows_for(protocol, paper):
@@ -306,7 +309,10 @@ def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[Bl
 
 
 def _paper_blocks(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[Block]:
-    """Columns are the metrics and groups that any of its rows has."""
+    """Return the table of a paper with its source and notes.
+
+    Its columns are the metrics and groups that any of its rows has.
+    """
     metrics = list(
         dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items() for g in groups)
     )

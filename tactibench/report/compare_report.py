@@ -1,4 +1,4 @@
-"""The tables of ``tactibench compare``: one for every two runs."""
+"""The tables of ``tactibench compare``: one for each pair of runs."""
 
 from __future__ import annotations
 
@@ -24,17 +24,23 @@ MISSES = (
     ("spurious", "spurious", 1.0, 3, " / frame"),
     ("coverage", "answered", PERCENT, 2, " %"),
 )
-"""Metric, word, scale, decimals, unit of what is never left out beside an error."""
+"""Metric, word, scale, decimals and unit of the numbers that always stand beside an error."""
 
 
 SIGNIFICANT = 0.05
-"""p below which a run is called better."""
+"""A run is called better where p is below this."""
 
 
 def print_comparisons(
     console: Console, runs: Sequence[StoredRun], comparisons: Sequence[Comparison]
 ) -> None:
-    """Print who is compared, a table for every two, and how to read it."""
+    """Print the names of the runs, a table for each pair, and how to read it.
+
+    Args:
+        console: Console to print on.
+        runs: Runs that were compared.
+        comparisons: Comparison of each pair.
+    """
     first = runs[0].record
     signs = [ascii_uppercase[k] if k < 26 else f"R{k}" for k in range(len(runs))]
     console.print(Text(f"{first.protocol.id}  {first.protocol.title}", style="bold"))
@@ -55,7 +61,13 @@ def print_comparisons(
 def comparison_table(
     comparison: Comparison, signs: tuple[str, str], *, several: bool = False
 ) -> Table:
-    """Return a row for every metric. several: whether the table says which two it is of."""
+    """Return the table of two runs, with one row for every metric.
+
+    Args:
+        comparison: Comparison of the runs.
+        signs: Letters that stand for the first and the second run.
+        several: Whether there are several tables, so that each has to name its runs.
+    """
     first, second = signs
     misses = "answered" if any(row.metric == "coverage" for row in comparison.rows) else "missed"
     apart = any(any(row.alone) for row in comparison.rows)
@@ -117,18 +129,18 @@ def _format(row: MetricComparison) -> tuple[float, Format]:
 
 
 def _better(row: MetricComparison, first: str, second: str) -> str:
-    """Return which run is better, where neither interval nor permutation leaves it to chance."""
+    """Return the run that is better where interval and permutation test agree that it is; or ""."""
     difference, better = row.difference, find_metric(row.metric).better
     low, high = difference.low, difference.high
     if better == "none" or low is None or high is None or low <= 0 <= high:
         return ""
-    if row.p is None or row.p >= SIGNIFICANT:  # of few presses the t interval alone says too much
+    if row.p is None or row.p >= SIGNIFICANT:  # with few presses the t interval claims too much
         return ""
     return first if (high < 0) == (better == "lower") else second
 
 
 def _misses(record: Record) -> str:
-    """Return "missed 0.17 %, spurious 0.002 / frame" of the whole record."""
+    """Return the misses of a record, such as "missed 0.17 %, spurious 0.002 / frame"."""
     parts = []
     for metric, word, scale, decimals, unit in MISSES:
         value = record.value(metric, "all")

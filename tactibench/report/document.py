@@ -32,7 +32,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Words in a row."""
+    """A paragraph of words."""
 
     parts: tuple[Inline, ...]
 
@@ -46,7 +46,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Fold:
-    """Lines in a fixed pitch behind a summary that a reader opens."""
+    """Lines in a fixed-width font behind a summary that a reader opens."""
 
     summary: str
     lines: tuple[str, ...]
@@ -64,45 +64,47 @@ Block = Heading | Paragraph | Bullets | Fold | Group | Table
 
 
 def prose(text: str) -> Paragraph:
-    """Return a paragraph of this program's own words."""
+    """Return a paragraph with words of this program."""
     return Paragraph((Prose(text),))
 
 
 def fold_tables(blocks: Iterable[Block], shown: int) -> list[Block]:
-    """Return the blocks with every table after the first ones folded behind its title.
+    """Return the blocks, with the later tables folded behind their titles.
 
-    shown: how many tables stay as they are.
+    Args:
+        blocks: Blocks of a page.
+        shown: Number of tables that stay as they are.
     """
-    kept: list[Block] = []
+    result: list[Block] = []
     for block in blocks:
         if not isinstance(block, Table) or not block.title:
-            kept.append(block)
+            result.append(block)
         elif shown:
-            kept.append(block)
+            result.append(block)
             shown -= 1
         else:
-            kept.append(Group(block.title, (replace(block, title=""),)))
-    return kept
+            result.append(Group(block.title, (replace(block, title=""),)))
+    return result
 
 
 def say_once(blocks: Iterable[Block], said: set[str], noted: set[str]) -> tuple[Block, ...]:
-    """Return the blocks with guides and notes of tables where no table before has said them.
+    """Return the blocks with guides and notes of tables only where no earlier table has the same.
 
     Args:
-        blocks: Of one section.
-        said: The guides of the page so far.
-        noted: The notes of the section so far.
+        blocks: Blocks of one section.
+        said: Guides of the page so far; new ones are added.
+        noted: Notes of the section so far; new ones are added.
     """
-    kept: list[Block] = []
+    result: list[Block] = []
     for block in blocks:
         if isinstance(block, Group):
-            kept.append(replace(block, blocks=say_once(block.blocks, said, noted)))
+            result.append(replace(block, blocks=say_once(block.blocks, said, noted)))
         elif isinstance(block, Table):
             guide = "" if block.guide in said else block.guide
             note = "" if block.note in noted else block.note
             said.add(block.guide)
             noted.add(block.note)
-            kept.append(replace(block, note=" ".join(filter(None, (guide, note))), guide=""))
+            result.append(replace(block, note=" ".join(filter(None, (guide, note))), guide=""))
         else:
-            kept.append(block)
-    return tuple(kept)
+            result.append(block)
+    return tuple(result)

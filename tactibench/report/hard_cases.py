@@ -14,7 +14,7 @@ from tactibench.report.numbers import fixed, general, number
 from tactibench.report.table import Cell, Column, Head, Number, Table, table
 
 WITH_INTERVALS = 2
-"""Intervals of more models than these would not fit beside each other."""
+"""Most models whose intervals fit beside each other."""
 DOUBLING_NOTE = (
     "Value at which the error is twice that of the easy case, linear between the cases; below "
     'it, where the ends of the ratios\' 95 % intervals reach two. "<", ">": not doubled at '
@@ -27,8 +27,12 @@ DOUBLING_NOTE = (
 def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
     """Return tables of doubling points and of the error case by case.
 
-    Families that are pressed stand apart from families of faults; nothing for a protocol without
+    Families that change the press stand apart from families of faults. Empty for a protocol without
     families.
+
+    Args:
+        rows: Rows of a board.
+        axes: Axes of the protocol's families.
     """
     if not axes:
         return []
@@ -65,12 +69,12 @@ def _doubling_table(
 
 
 def family_head(axis: Axis) -> str:
-    """Return a family with its unit: "grazing, mm"."""
+    """Return the name of a family with its unit, such as "grazing, mm"."""
     return f"{axis.family}, {axis.unit}" if axis.unit else axis.family
 
 
 def doubling_number(pooled: PooledMetric | None) -> Number | None:
-    """Return where an error doubles: "0.21" with its interval, "> 6.5" where it does not."""
+    """Return the value at which an error doubles: "0.21" with its interval, or "> 6.5"."""
     if pooled is None:
         return None
     return Number(pooled.value, general, (pooled.low, pooled.high), pooled.censored or "")
@@ -100,7 +104,7 @@ def _case_number(case: Case) -> Number | None:
 
 
 def family_table(row: Row, axes: Sequence[Axis]) -> Table:
-    """Return the error of the easy and of the hardest case of every family of one row."""
+    """Return the errors of one row on the easy and the hardest case of every family."""
     heads: list[Head] = [
         "family",
         *map(Column, ("easy", "mm", "hardest", "mm", "missed, %", "worst ratio")),
@@ -112,12 +116,12 @@ def family_table(row: Row, axes: Sequence[Axis]) -> Table:
 
 def _family_cells(grade: FamilyErrors) -> list[Cell]:
     first, last = grade.cases[0], grade.cases[-1]
-    several = len(grade.cases) > 1
+    graded = len(grade.cases) > 1
     return [
         family_head(grade.axis),
-        f"{first.value:g}" if several else "",
-        _error(first) if several else "",
-        f"{last.value:g}" if several else "",
+        f"{first.value:g}" if graded else "",
+        _error(first) if graded else "",
+        f"{last.value:g}" if graded else "",
         _error(last),
         "" if last.missed is None else Number(100 * last.missed.value, fixed(1)),
         "" if grade.worst is None else Number(grade.worst.value, fixed(1)),
@@ -130,7 +134,7 @@ def _error(case: Case) -> Number | None:
 
 
 def doubling_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
-    """Return where the errors of several models double, a row a family, a column a model."""
+    """Return the values at which errors double: one row a family, one column a model."""
     families = [family_errors(row, axes) for row in rows]
     body: list[list[Cell]] = []
     for k, axis in enumerate(axes):

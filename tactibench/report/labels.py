@@ -1,4 +1,4 @@
-"""Names of metrics in heads and in sentences."""
+"""Names of metrics in heads of tables and in sentences."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ NAMES = {
 """Names in sentences and lists."""
 
 UNITS = {"share": "%", "per frame": ""}
-"""Units as they are written behind a name; "spurious per frame" says its own."""
+"""Units as they are written behind a name; "spurious per frame" holds its own."""
 
 
 def is_share(metric: str) -> bool:
@@ -71,6 +71,6 @@ def is_share(metric: str) -> bool:
 
 
 def named(metric: str, unit: str) -> str:
-    """Return the name of a metric with its unit: "distance error, mm"."""
+    """Return the name of a metric with its unit, such as "distance error, mm"."""
     shown = UNITS.get(unit, unit)
     return f"{NAMES.get(metric, metric)}, {shown}" if shown else NAMES.get(metric, metric)

@@ -27,24 +27,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_CELLS = 101
-"""Along one side of the map: a finer one takes minutes and shows nothing more."""
+"""Most cells along one side of the map: a finer map takes minutes and shows nothing more."""
 SPACING_MM = 7.0
+"""Spacing of two tips where none is given."""
 
 
 @dataclass(frozen=True)
 class LimitOptions:
-    """The presses whose limits are asked. Lengths in mm, yaw in degrees.
+    """The presses whose limits are computed. Lengths are in mm, yaw is in degrees.
 
     Attributes:
         sensor: Name of a simulated sensor.
-        parameters: Of the sensor, those that are not at their defaults.
+        parameters: Parameters of the sensor that are not at their defaults.
         scene: "single" or "dual".
-        depths: Of the presses.
-        spacing: Of two tips; None: 7.
-        yaw: Of two tips; None: 0.
-        radius: Of the tips.
+        depths: Depths of the presses.
+        spacing: Spacing of two tips; None: 7.
+        yaw: Yaw of two tips; None: 0.
+        radius: Radius of the tips.
         reach: Half side of the workspace.
-        step: Between the presses.
+        step: Step between the presses.
         nuisances: Unknown properties of the camera; ("all",) for all.
     """
 
@@ -66,7 +67,7 @@ class LimitData(PlotData):
 
     Attributes:
         maps: The limits over the workspace.
-        document: What ``tactibench plot limit --json`` writes.
+        document: JSON values that ``tactibench plot limit --json`` writes.
     """
 
     maps: LimitMaps = field(kw_only=True, repr=False)
@@ -75,7 +76,14 @@ class LimitData(PlotData):
 
 @dataclass(frozen=True)
 class LimitPlan:
-    """A sensor, ready, and what is pressed on it. subject: both in words."""
+    """A sensor that is ready, and the presses on it.
+
+    Attributes:
+        spec: Spec of the sensor.
+        values: Values of its parameters.
+        sensor: The sensor.
+        request: The presses.
+    """
 
     spec: SensorSpec
     values: Mapping[str, Value]
@@ -84,13 +92,13 @@ class LimitPlan:
 
     @property
     def subject(self) -> str:
-        """Sensor, tips, workspace and what is unknown, in words."""
+        """Sensor, tips, workspace and unknown properties, in words."""
         label = _label(self.spec, self.values)
         return f"{self.spec.origin} sensor {label}, {_description(self.request)}"
 
 
 def limit_plan(options: LimitOptions) -> LimitPlan:
-    """Return what is to be computed; that takes no time yet.
+    """Return the sensor and the presses of a computation, which is not started yet.
 
     Raises:
         UserError: The sensor or a nuisance does not exist, or the options do not fit.
@@ -116,7 +124,15 @@ def limit_plan(options: LimitOptions) -> LimitPlan:
 
 
 def limit_data(plan: LimitPlan, advance: Callable[[int], None] = lambda _: None) -> LimitData:
-    """Return the limits of a sensor over its workspace. advance: is told of presses done."""
+    """Return the limits of a sensor over its workspace.
+
+    Args:
+        plan: Sensor and presses.
+        advance: Called with the number of presses that were done.
+
+    Raises:
+        UserError: The sensor refuses all presses.
+    """
     request = plan.request
     maps = map_limits(plan.sensor, request, advance)
 
@@ -150,7 +166,11 @@ def limit_data(plan: LimitPlan, advance: Callable[[int], None] = lambda _: None)
 
 
 def _sensor(spec: SensorSpec, values: Mapping[str, Value]) -> Sensor:
-    """Build the sensor. Raises UserError for one that knows no bound."""
+    """Return the sensor, ready to compute bounds.
+
+    Raises:
+        UserError: The sensor does not know the bound of its frames.
+    """
     if not spec.needs_data:
         sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **values)
         if sensor.covariance(Scene(Indenter.single(), Pose(depth=1.0))) is not None:
@@ -222,14 +242,14 @@ def _json(request: LimitRequest) -> dict[str, Any]:
 
 
 def _cells(maps: LimitMaps) -> dict[str, Any]:
-    """Return quantity -> [depth][row][column], mm."""
+    """Return the bounds of every quantity as [depth][row][column], mm."""
     return {
         quantity: _nested(maps.values[:, q]) for q, quantity in enumerate(maps.request.quantities)
     }
 
 
 def _spacings(maps: LimitMaps) -> dict[str, Any]:
-    """Return the spacings from which two tips differ from one, with their places; {}: none."""
+    """Return the spacings from which two tips differ from one, with their places; or {}."""
     if maps.spacings is None:
         return {}
     x, y = (axis.round(9).tolist() for axis in maps.request.coarse.axes())
@@ -237,7 +257,7 @@ def _spacings(maps: LimitMaps) -> dict[str, Any]:
 
 
 def _nested(layers: Any) -> list[Any]:
-    """Return [depth][row][column]; "inf" without a bound, null for a refused press."""
+    """Return layers as [depth][row][column]; "inf" without a bound, null for a refused press."""
 
     def cell(value: float) -> float | str | None:
         return "inf" if math.isinf(value) else None if math.isnan(value) else value

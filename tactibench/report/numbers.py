@@ -10,19 +10,19 @@ Format = Callable[[float], str]
 
 
 def number(value: float, decimals: int) -> str:
-    """Return fixed decimals; a value that would read as zero without being it keeps one digit."""
+    """Return a value with fixed decimals; one that would read as zero keeps one digit."""
     if value and abs(value) < 0.5 * 10.0**-decimals:
         return f"{value:.0e}"
     return f"{value:,.{decimals}f}"
 
 
 def fixed(decimals: int) -> Format:
-    """Return the format with this many decimals."""
+    """Return the format with this number of decimals."""
     return partial(number, decimals=decimals)
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Return fixed point with at least ``digits`` significant digits: 0.0123, 6.12, 1,234."""
+    """Return a value with at least ``digits`` significant digits: 0.0123, 6.12, 1,234."""
     if not value:
         return "0"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
@@ -30,7 +30,7 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def general(value: float) -> str:
-    """Return three significant digits, without trailing zeros: 0.21, 6.5, 64."""
+    """Return a value with three significant digits, without trailing zeros: 0.21, 6.5, 64."""
     return f"{value:.3g}"
 
 
@@ -43,7 +43,7 @@ def scaled(value: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time such as "0.4 s", "38 s", "4 min 5 s", "1 h 2 min"."""
+    """Return a time in words, such as "0.4 s", "38 s", "4 min 5 s" or "1 h 2 min"."""
     if seconds < 59.5:
         return f"{seconds:.1f} s" if seconds < 9.95 else f"{seconds:.0f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -53,12 +53,12 @@ def duration(seconds: float) -> str:
 
 
 def span(counts: Iterable[int]) -> str:
-    """Return "1,000", or "998 to 1,000" where counts differ."""
-    known = list(counts)
-    low, high = min(known, default=0), max(known, default=0)
+    """Return the range of counts: "1,000", or "998 to 1,000" where they differ."""
+    numbers = list(counts)
+    low, high = min(numbers, default=0), max(numbers, default=0)
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
 
 
 def plural(count: int, noun: str) -> str:
-    """Return "1 seed", "3 seeds"."""
+    """Return a count with its noun: "1 seed", "3 seeds"."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""The table of the overview: one line a model, over several boards."""
+"""The table of the overview: one line for each model, over several boards."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def overview_table(
     """Return the overview as a table.
 
     Args:
-        lines: In their order.
+        lines: Lines of the overview, in their order.
         interval: Whether intervals stand below the values.
         regime: Whether a name says in which regime the model was trained.
-        link: Makes the link to a row of the first protocol out of its anchor.
+        link: Makes the link to a row of the first protocol from its anchor.
     """
     spec = overview_spec()
     heads: list[Head] = [
@@ -53,9 +53,14 @@ def overview_table(
 
 
 def line_name(row: Row, *, regime: bool = True) -> str:
-    """Return the label, and what it was trained on where that is not the protocol's own sensor."""
-    own, sensor = load_protocol(row.first.protocol.id).spec.defaults.sensor, row.first.sensor.text()
-    return label_of(row.first, regime=regime) + ("" if sensor == own else f", trained on {sensor}")
+    """Return the label of a row, with its training sensor where that is not the protocol's own."""
+    default, sensor = (
+        load_protocol(row.first.protocol.id).spec.defaults.sensor,
+        row.first.sensor.text(),
+    )
+    return label_of(row.first, regime=regime) + (
+        "" if sensor == default else f", trained on {sensor}"
+    )
 
 
 def _worst(line: OverviewLine) -> Cell:

@@ -1,4 +1,4 @@
-"""Figures over many runs with the numbers behind them: what a notebook draws and a terminal prints.
+"""Figures over many runs and the numbers behind them, which notebooks draw and terminals print.
 
 The runs are the committed records of a board, and the complete runs of a store. Seeds are pooled.
 """
@@ -43,14 +43,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlotData:
-    """A figure that is drawn when it is asked for.
+    """A figure, drawn on request, with its numbers.
 
     Attributes:
-        title: What is shown; "" where the tables say it.
+        title: Title of the figure; "" where the tables say it.
         subject: Protocol, sensor and machine.
         tables: The numbers, as a reader sees them.
-        remarks: How to read them, and what they leave out.
-        rows: The numbers, a mapping a point.
+        remarks: Sentences on how to read the numbers, and what they leave out.
+        rows: The numbers, one mapping a point.
         draw: Draws the figure.
         draw_detail: Draws the curves behind a heat map; None where there is no such figure.
     """
@@ -67,13 +67,13 @@ class PlotData:
 def frontier_data(
     protocol: str, board: Path, runs: Path | None, sensor: str | None, machine: str | None
 ) -> PlotData:
-    """Return which models are fast for their error, by regime.
+    """Return the models that are fast for their error, by regime.
 
     Args:
         protocol: Name of the protocol.
         board: Folder of the leaderboards.
         runs: A run store; None: none.
-        sensor: Its name; None: the nominal one.
+        sensor: Name of the sensor; None: the nominal one.
         machine: Fingerprint of the machine; None: that of most runs.
 
     Raises:
@@ -111,10 +111,10 @@ def frontier_data(
 def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
     from tactibench.board.cost import machine as machine_of
 
-    known = sorted({machine_of(record) for row in rows for record in row.records})
-    if machine is not None and machine not in known:
+    machines = sorted({machine_of(record) for row in rows for record in row.records})
+    if machine is not None and machine not in machines:
         raise UserError(
-            f"no run was timed on a machine {machine!r}; {did_you_mean(machine, known)}"
+            f"no run was timed on a machine {machine!r}; {did_you_mean(machine, machines)}"
         )
     return machine
 
@@ -128,8 +128,9 @@ def curve_data(
         protocol: Name of the protocol.
         board: Folder of the leaderboards.
         runs: A run store; None: none.
-        sensor: Its name; None: the nominal one.
-        new_sensor: Against the labelled presses of an instance that no training saw.
+        sensor: Name of the sensor; None: the nominal one.
+        new_sensor: Whether the curves are against the labelled presses of a sensor instance that no
+            training saw.
 
     Raises:
         UserError: There is nothing to show.
@@ -178,14 +179,14 @@ def _new_sensor_data(protocol: str, board: Path, runs: Path | None, sensor: str 
 def stability_data(
     protocol: str, board: Path, runs: Path | None, sensor: str | None, labels: tuple[str, ...]
 ) -> PlotData:
-    """Return where the error of every model doubles on graded hard cases.
+    """Return the value at which the error of every model doubles on graded hard cases.
 
     Args:
         protocol: Name of the protocol.
         board: Folder of the leaderboards.
         runs: A run store; None: none.
-        sensor: Its name; None: the nominal one.
-        labels: Only these rows, in this order; () for all.
+        sensor: Name of the sensor; None: the nominal one.
+        labels: Labels of the rows that are shown, in this order; () for all.
 
     Raises:
         UserError: There is nothing to show.

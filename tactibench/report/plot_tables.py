@@ -26,7 +26,7 @@ FRONTIER_NOTE = (
 
 
 def frontier_table(frontier: Frontier, error: Ranking) -> Table:
-    """Return the points of one regime, by latency."""
+    """Return the points of one regime as a table, sorted by latency."""
     heads: list[Head] = [
         f"regime {frontier.regime}",
         Column("seeds"),
@@ -48,12 +48,12 @@ def frontier_table(frontier: Frontier, error: Ranking) -> Table:
 
 
 def frontier_remarks(frontiers: Sequence[Frontier]) -> Iterator[str]:
-    """Return how to read the tables and what they leave out, one sentence each."""
+    """Yield how to read the tables and what they leave out, one sentence each."""
     yield FRONTIER_NOTE
     if elsewhere := sum(frontier.elsewhere for frontier in frontiers):
         machine = frontiers[0].machine
         yield f"Left out: {elsewhere:,} runs that were timed on another machine than {machine}."
-    untimed = [f"{name} ({one.regime})" for one in frontiers for name in one.untimed]
+    untimed = [f"{name} ({regime.regime})" for regime in frontiers for name in regime.untimed]
     if untimed:
         yield f"Left out, without an error or a time: {'; '.join(untimed)}."
 
@@ -83,7 +83,7 @@ def _range(value: Range, write: Format) -> Number:
 
 
 def curve_steps_table(curves: Sequence[Curve], error: Ranking) -> Table:
-    """Return every step of every curve with its interval and spread."""
+    """Return a table with every step of every curve, its interval and its spread."""
     rows: list[list[Cell]] = []
     for curve in curves:
         for k, step in enumerate(curve.steps):
@@ -106,7 +106,7 @@ def curve_steps_table(curves: Sequence[Curve], error: Ranking) -> Table:
 
 
 def new_sensor_table(curves: Sequence[Curve], error: Ranking) -> Table:
-    """Return every step of curves on a new sensor: mean, the best and the worst instance."""
+    """Return a table with every step of curves on a new sensor: mean, best and worst instance."""
     rows: list[list[Cell]] = []
     for curve in curves:
         for k, step in enumerate(curve.steps):
@@ -139,7 +139,7 @@ def curve_rows(curves: Sequence[Curve], error: Ranking) -> JsonRows:
 
 
 def stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> JsonRows:
-    """Return tidy rows of where errors double, and of the error case by case."""
+    """Return tidy rows with the values at which errors double, and the errors case by case."""
     lines = []
     for row in rows:
         for grade in family_errors(row, axes):
@@ -159,7 +159,7 @@ def stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> JsonRows:
 
 
 def limit_table(maps: LimitMaps) -> Table:
-    """Return one row per depth and quantity: quantiles over the workspace, um."""
+    """Return the quantiles over the workspace, um, with one row per depth and quantity."""
     heads: list[Head] = [
         *("depth, mm", "sd of", "middle", "median", "90 %", "worst", "at x, y mm"),
         Column("presses"),
@@ -177,7 +177,7 @@ def limit_table(maps: LimitMaps) -> Table:
 
 
 def spacing_table(maps: LimitMaps) -> Table:
-    """Return one row per depth: the spacing from which two tips differ from one, mm."""
+    """Return the spacings from which two tips differ from one, mm, with one row per depth."""
     heads: list[Head] = [
         *("depth, mm", "middle", "median", "90 %", "worst", "at x, y mm"),
         Column("presses"),
@@ -207,7 +207,7 @@ def micrometres(value: float) -> str:
 
 
 def limit_remarks(maps: LimitMaps) -> Iterator[str]:
-    """Return what the numbers leave out, one sentence each."""
+    """Yield what the numbers leave out, one sentence each."""
     per_depth = summary(maps)[:: len(maps.request.quantities)]
     presses = f"of {maps.request.presses:,} presses"
     if len(maps.request.indenter.offsets) > 1:
@@ -219,7 +219,7 @@ def limit_remarks(maps: LimitMaps) -> Iterator[str]:
 
 
 def spacing_remarks(maps: LimitMaps) -> Iterator[str]:
-    """Return how the spacings were decided and what they leave out, one sentence each."""
+    """Yield how the spacings were decided and what they leave out, one sentence each."""
     diameter = 2 * maps.request.indenter.radius
     yield (
         f"Smallest spacing at which an ideal observer of the frames sees {SEEN:.0%} of the pairs, "

@@ -1,7 +1,7 @@
 """Progress of long work: bars on a terminal, lines in a log.
 
-Where nobody watches a terminal, in a log of CI or of a cluster, a line is written at least every
-30 seconds: the time, the phase, the share done, and the time left.
+Where the output is no terminal, such as a log of CI or of a cluster, a line is written at least
+every 30 seconds: the time, the phase, the share done, and the time left.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from tactibench.report.numbers import duration
 from tactibench.run.reporter import NullReporter, Reporter
 
 INTERVAL_S = 30.0
-"""Longest silence of long work. Shorter work says nothing, so that a log holds results."""
+"""Longest silence of long work. Shorter work writes no line, so that a log holds results."""
 
 
 def progress_on(console: Console, *, quiet: bool = False) -> Reporter:
-    """Return what shows progress on a console: bars on a terminal, else lines; quiet: nothing."""
+    """Return a reporter for a console: bars on a terminal, else lines; nothing if ``quiet``."""
     if quiet:
         return NullReporter()
     if console.is_terminal:
@@ -51,7 +51,7 @@ class ProgressBars:
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Show a bar while something of ``total`` steps is done; yields what advances it."""
+        """Show a bar while work of ``total`` steps is done; yields a function that advances it."""
         with self._bar(MofNCompleteColumn()) as progress:
             job = progress.add_task(title, total=total)
             yield lambda done: progress.advance(job, done)
@@ -77,7 +77,7 @@ class ProgressBars:
 
 
 class TrainingBar:
-    """A bar with loss, validation error in mm and time left of a training."""
+    """A bar that shows loss, validation error (mm) and time left of a training."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
@@ -86,7 +86,7 @@ class TrainingBar:
         self._note = ""
 
     def start(self, epochs: int, steps: int) -> None:
-        """Begin with so many epochs of so many steps."""
+        """Begin a training of ``epochs`` epochs of ``steps`` steps."""
         self._steps = steps
         self._progress.start()
         self._job = self._progress.add_task("train", total=epochs * steps, note="")
@@ -105,7 +105,7 @@ class TrainingBar:
             self._progress.update(self._job, completed=epoch * self._steps, note=note)
 
     def stop(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._job is not None:
             self._progress.stop()
 
@@ -115,12 +115,12 @@ class Phase:
     """A part of the work that is being done.
 
     Attributes:
-        title: Its name.
-        total: Its steps.
-        began: When it began, s.
-        done: Steps that are done.
-        before: Steps that were done before it began, of a training that is continued.
-        note: What else there is to say.
+        title: Name of the phase.
+        total: Number of its steps.
+        began: Time at which it began, s.
+        done: Number of steps that are done.
+        before: Number of steps that were done before it began, where a training is continued.
+        note: Further words for the line.
     """
 
     title: str
@@ -131,23 +131,27 @@ class Phase:
     note: str = ""
 
     def line(self, now: float) -> str:
-        """Return phase, share done, time so far, and time left as far as it is known."""
+        """Return phase, share done, time so far, and time left where that is known.
+
+        Args:
+            now: Present time on the clock of ``began``, s.
+        """
         so_far = now - self.began
-        known, done = duration(so_far), self.done - self.before
+        progress, done = duration(so_far), self.done - self.before
         if self.total:
-            known = f"{self.done:,} of {self.total:,} ({self.done / self.total:.0%}), {known}"
+            progress = f"{self.done:,} of {self.total:,} ({self.done / self.total:.0%}), {progress}"
         left = "time left not known"
         if done > 0:
             left = f"{duration(so_far / done * (self.total - self.done))} left"
-        text = f"{self.title}: {known} so far, {left}"
+        text = f"{self.title}: {progress} so far, {left}"
         return f"{text}; {self.note}" if self.note else text
 
 
 class ProgressLines:
-    """Progress as lines of text, one at least every so many seconds while there is work.
+    """Progress as lines of text, at least one every ``interval_s`` seconds while there is work.
 
     A thread writes them, because one step may take longer than that. It sleeps in between, so
-    that it does not disturb what is timed.
+    that it does not disturb timed work.
     """
 
     def __init__(
@@ -164,7 +168,7 @@ class ProgressLines:
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Write lines while something of ``total`` steps is done; yields what advances it."""
+        """Write lines while work of ``total`` steps is done; yields a function that advances it."""
         with self._during(title, total) as phase:
 
             def advance(done: int) -> None:
@@ -174,12 +178,12 @@ class ProgressLines:
 
     @contextmanager
     def training(self) -> Iterator[TrainingProgress]:
-        """Write lines while a model is trained; frames that are opened for it have their own."""
+        """Write lines while a model is trained; opening its frames is a phase of its own."""
         with self._during("train", 0) as phase:
             yield TrainingLines(phase, self._clock)
 
     def write_due(self) -> None:
-        """Write a line where the last one is old enough. Of nested phases the inner one is told."""
+        """Write a line where the last one is old enough; of nested phases on the inner one."""
         with self._lock:
             now = self._clock()
             if not self._phases or now - self._last < self._interval_s:
@@ -212,25 +216,25 @@ class ProgressLines:
 
 
 class TrainingLines:
-    """Steps and epochs of a training as the count of a phase."""
+    """Steps and epochs of a training, counted in a phase."""
 
     def __init__(self, phase: Phase, clock: Callable[[], float]) -> None:
         self._phase, self._clock = phase, clock
         self._steps = 0
 
     def start(self, epochs: int, steps: int) -> None:
-        """Begin with so many epochs of so many steps."""
+        """Begin a training of ``epochs`` epochs of ``steps`` steps."""
         self._steps = steps
         self._phase.began, self._phase.total = self._clock(), epochs * steps
 
-    def step(self, loss: float) -> None:  # noqa: ARG002 - that of an epoch is told
+    def step(self, loss: float) -> None:  # noqa: ARG002 - a line shows the loss of an epoch
         """Count a step."""
         self._phase.done += 1
 
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
         """Keep loss and validation error of an epoch for the next line."""
         done = epoch * self._steps
-        # Of epochs without steps a training tells that goes on where it was stopped.
+        # A training that continues after a stop reports earlier epochs without their steps.
         self._phase.before += done - self._phase.done
         self._phase.done = done
         self._phase.note = f"loss {loss:.4f}, {_epoch_text(epoch, validation_mm)}"

@@ -1,4 +1,4 @@
-"""The tables of ``tactibench speed``: a line for every way to compute, the best one marked."""
+"""The tables of ``tactibench speed``: one line for each configuration, with the best one marked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from tactibench.run.configurations import Race
 
 
 def print_race(console: Console, race: Race, subject: str, note: str) -> None:
-    """Print latencies by phase, frames per second by batch, accuracy, and what was left out."""
+    """Print latencies by phase, frames per second by batch, accuracy, and what was left out.
+
+    Args:
+        console: Console to print on.
+        race: Times of all configurations.
+        subject: First line.
+        note: Last note; "" for none.
+    """
     console.print(Text(subject, style="bold"))
     for shown in (_latency_table(race), _rate_table(race), _prediction_table(race)):
         if shown is not None:
@@ -32,7 +39,7 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
 
 
 def verdict(race: Race) -> str:
-    """Return the sentence that names the default."""
+    """Return a sentence that names the configuration chosen as default."""
     first = race.configurations.usable[0]
     text = f"default here: {race.best.name} ({race.best.description})"
     if race.best is first:

@@ -1,6 +1,6 @@
 """A run on the terminal: errors with intervals, misses, published rows, speed.
 
-Every section says what it was measured on. All tables fit 80 columns; a wider terminal gets the
+Every section says what it was measured on. All tables fit 80 columns; a wider terminal shows the
 counts as columns.
 """
 
@@ -46,13 +46,13 @@ from tactibench.report.table import (
 from tactibench.report.writers.terminal import print_table
 
 OTHERS = 6
-"""More stored runs than these would hide the run itself."""
+"""Most stored runs that are shown: more would hide the run itself."""
 COUNTS = (Column("n", optional=True), Column("presses", optional=True))
 FALSE = "false_per_1000"
 TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
-"""Decimals of the list of further metrics, by unit; 3 for every other."""
+"""Decimals of the list of further metrics, by unit; 3 for every other unit."""
 
 
 def print_run(
@@ -66,12 +66,12 @@ def print_run(
     """Print one run beside published rows and other stored runs.
 
     Args:
-        console: Where to print.
-        record: Of the run.
-        path: Its file.
+        console: Console to print on.
+        record: Record of the run.
+        path: File of the record.
         published: Tables of papers.
         others: Stored runs; the first six of the same version of the protocol are shown.
-        axes: Of the families of hard cases that the run is about.
+        axes: Axes of the families of hard cases that the run tests.
     """
     spec = board_spec(record.protocol.label)
     comparable = [other for other in others if same_question(other, record)]
@@ -106,7 +106,7 @@ def print_run(
 
 
 def same_question(one: Record, other: Record) -> bool:
-    """Return whether two different runs answer one version of a protocol, tested alike.
+    """Return whether two different runs answer one version of a protocol and are tested alike.
 
     They may have been shown different numbers of labelled presses.
     """
@@ -120,13 +120,13 @@ def same_question(one: Record, other: Record) -> bool:
 
 
 def tested_sensor(record: Record) -> list[Any]:
-    """Return all that tells a tested sensor from others; [] where it is the trained one."""
+    """Return all that tells a tested sensor from others; [] where it is the training sensor."""
     test = record.test_sensor
     return [] if test is None else [test.identity, test.description, test.trained_on]
 
 
 def labels_line(record: Record) -> str:
-    """Return how the true indentation was made from the labels; "" where nothing was fitted."""
+    """Return how the true indentation follows from the labels; "" where nothing was fitted."""
     adapted = record.data.of_tested_sensor
     described = {} if adapted is None else adapted.described
     if "label_fit" not in described:
@@ -183,7 +183,7 @@ def _main_table(
     published: Sequence[PublishedTable],
     others: Sequence[Record],
 ) -> Table:
-    """Return this run, other runs and published rows, each below a caption with its origin."""
+    """Return a table of this run, other runs and published rows, each below a caption."""
     rows: list[list[Cell]] = []
     captions: dict[int, tuple[Caption, ...]] = {}
 
@@ -225,7 +225,7 @@ def _published_label(row: PublishedRow) -> str:
 
 
 def _printed_rows(run_table: RunTable, row: PublishedRow) -> list[list[Cell]]:
-    """Return the values of a paper with no more digits than it prints, nor than the column has."""
+    """Return the values of a paper, with no more digits than the paper or the column has."""
     rows: list[list[Cell]] = []
     for group in run_table.groups:
         cells: list[Cell] = []
@@ -256,7 +256,7 @@ def _print_notes(
 
 
 def _comparability(record: Record, published: Sequence[PublishedTable]) -> Iterable[str]:
-    """Return why published rows may or may not be read against this run, each reason once."""
+    """Return why published rows can or cannot be compared with this run, each reason once."""
     words = {"yes": "Comparable", "partly": "Partly comparable", "no": "Not comparable"}
     simulated = record.sensor.origin == "simulated"
     reasons = []
@@ -271,14 +271,17 @@ def _comparability(record: Record, published: Sequence[PublishedTable]) -> Itera
 
 
 def _further_metrics(record: Record, spec: BoardSpec, test: str) -> Table:
-    """Return every metric that no main table has shown, with its counts.
+    """Return a table of every metric that no main table shows, with its counts.
 
-    test: one that is scored apart, whose name its groups lose; "": the main one.
+    Args:
+        record: Record of the run.
+        spec: Tables of the protocol.
+        test: Name of a test scored apart, which is left out of its groups; "": the main test.
     """
     groups = {m.group: m.group for m in record.metrics if family_of(m.group) not in spec.apart}
     if test:
-        own = {m.group for m in record.metrics if family_of(m.group) == test}
-        groups = {name: name.removeprefix(test).removeprefix(":") or "all" for name in own}
+        of_test = {m.group for m in record.metrics if family_of(m.group) == test}
+        groups = {name: name.removeprefix(test).removeprefix(":") or "all" for name in of_test}
     metrics = [
         metric
         for metric in record.metrics
@@ -301,7 +304,7 @@ def _further_metrics(record: Record, spec: BoardSpec, test: str) -> Table:
 
 
 def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> bool:
-    """Return whether no main table shows a metric; of hard cases only totals over all cases."""
+    """Return whether no main table shows a metric; of hard cases only totals count."""
     if any(metric.metric in t.metrics and metric.group in t.groups for t in tables):
         return False
     by_distance = any(metric.metric in t.metrics and not t.groups for t in tables)
@@ -323,16 +326,18 @@ def _print_hard_cases(console: Console, record: Record, axes: Sequence[Axis]) ->
 
 
 def _under_faults(record: Record) -> str:
-    """Return the false contacts in empty frames under faults; "" where none were tested."""
-    whole = record.metric(FALSE, UNTOUCHED)
-    if whole is None:
+    """Return the false contacts in empty frames under faults; "" where none was tested."""
+    all_faults = record.metric(FALSE, UNTOUCHED)
+    if all_faults is None:
         return ""
     shares = (
         f"{m.group.partition(':')[2]} {number(m.value, 1)}"
         for m in record.metrics
         if m.metric == FALSE and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
     )
-    return f"  each under a fault: {metric_number(whole, 1, interval=True)} ({', '.join(shares)})"
+    return (
+        f"  each under a fault: {metric_number(all_faults, 1, interval=True)} ({', '.join(shares)})"
+    )
 
 
 def _totals(record: Record) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Rows of a run's main tables, and the lines that every view of a run shares."""
+"""Rows of a run's main tables, and the lines that all views of a run share."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ Key = tuple[str, str]
 
 
 def run_label(record: Record) -> str:
-    """Return the model with its regime, as published rows are labelled."""
+    """Return the model with its regime, in the form of the labels of published rows."""
     label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
     return f"{label}, {record.shots:,} labelled presses" if record.shots else label
 
 
 def partial_line(record: Record) -> str:
-    """Return the warning of a run that was cut short; "" for a whole one."""
+    """Return the warning of a run that was cut short; "" for a complete run."""
     if not record.partial:
         return ""
     causes = ["quick"] if record.limits.quick else []
@@ -41,7 +41,7 @@ def partial_line(record: Record) -> str:
 
 
 def print_warning(console: Console, record: Record) -> None:
-    """Print that a run was cut short, where it was."""
+    """Print a warning where a run was cut short."""
     if line := partial_line(record):
         console.print(Text(line, style="bold red"))
 
@@ -53,7 +53,7 @@ def lacks_interval(shown: Table) -> bool:
 
 
 def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]], list[Metric]]:
-    """Return the rows of a main table, a row a group with its counts, and the metrics in them."""
+    """Return the rows of a main table, one a group with its counts, and the metrics in them."""
     metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
     groups = run_table.groups or _distances(run_table, metrics)
     decimals = {m: _decimals(run_table, m, metrics, groups) for m in run_table.metrics}
@@ -61,21 +61,21 @@ def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]]
     shown: list[Metric] = []
     for group in groups:
         cells = {name: metrics.get((name, group)) for name in run_table.metrics}
-        known = [metric for metric in cells.values() if metric is not None]
-        shown += known
-        n = "/".join(f"{n:,}" for n in sorted({metric.n for metric in known}))
-        presses = f"{max((metric.clusters for metric in known), default=0):,}"
+        present = [metric for metric in cells.values() if metric is not None]
+        shown += present
+        n = "/".join(f"{n:,}" for n in sorted({metric.n for metric in present}))
+        presses = f"{max((metric.clusters for metric in present), default=0):,}"
         values = (metric_cell(metric, decimals[name]) for name, metric in cells.items())
         rows.append([group, *values, n, presses])
     return rows, shown
 
 
 def metric_cell(metric: Metric | None, decimals: int) -> Number | None:
-    """Return the number of a metric with its interval, where that says something."""
+    """Return the number of a metric, with its interval where that tells something."""
     value = metric_number(metric, decimals)
     if value is not None and _is_perfect(metric, value):
         return replace(value, interval=None)
-    # The last tested distance is a bound as it stands: "< 6.5".
+    # A bound is a tested distance, which is written without further digits: "< 6.5".
     return replace(value, write=general) if value is not None and value.bound else value
 
 
@@ -98,7 +98,7 @@ def _decimals(
 ) -> int:
     """Return the decimals; by distance one less where values reach 1 mm or 10 deg.
 
-    So that the tables of two-point discrimination keep to 80 columns.
+    So the tables of two-point discrimination fit 80 columns.
     """
     decimals = run_table.metrics[name]
     if run_table.groups:

@@ -1,4 +1,4 @@
-"""Speed beside error: latency by phase and threads, and what the timed configuration changes."""
+"""Speed beside error: latency by phase and threads, and the effect of the timed configuration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,14 @@ from tactibench.report.writers.terminal import print_table
 def print_speed(
     console: Console, record: Record, spec: BoardSpec, published: Sequence[PublishedTable]
 ) -> None:
-    """Print the error to read beside speed with its cost, then every timed phase."""
+    """Print the error with the share that qualifies it beside the speed, then every timed phase.
+
+    Args:
+        console: Console to print on.
+        record: Record of the run.
+        spec: Tables of the protocol.
+        published: Tables of papers, whose speeds are printed last.
+    """
     facts = record.environment
     console.print()
     console.print(Text("Speed beside error", style="bold"))
@@ -49,7 +56,7 @@ def change(relative: float) -> str:
 
 
 def _headline(record: Record, spec: BoardSpec) -> Iterator[str]:
-    """Return the error, the share that qualifies it, and the latency of one frame."""
+    """Yield the error, the share that qualifies it, and the latency of one frame."""
     if spec.headline is not None:
         metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
         shown = (
@@ -68,7 +75,7 @@ def _headline(record: Record, spec: BoardSpec) -> Iterator[str]:
 
 
 def _phases(speed: Sequence[SpeedRow]) -> Table:
-    """Return every phase of single frames; of batches the whole call."""
+    """Return the times of every phase for single frames, and of the whole call for batches."""
     rows: list[list[Cell]] = []
     last: tuple[str, ...] = ()
     for row in speed:
@@ -85,7 +92,7 @@ def _phases(speed: Sequence[SpeedRow]) -> Table:
 
 
 def _remarks(record: Record) -> Iterator[tuple[str, str]]:
-    """Return sentences about the times, each with its style."""
+    """Yield sentences about the times, each with its style."""
     unsettled = dict.fromkeys(
         f"{row.scenario} (batch {row.batch}, {plural(row.threads, 'thread')})"
         for row in record.speed
@@ -112,7 +119,9 @@ def _remarks(record: Record) -> Iterator[tuple[str, str]]:
         )
     yield text, ""
     if len(timed.raced) > 1:
-        choices = (f"{number(one.p50_ms or 0, 2)} ms {one.configuration}" for one in timed.raced)
+        choices = (
+            f"{number(choice.p50_ms or 0, 2)} ms {choice.configuration}" for choice in timed.raced
+        )
         yield f"chosen from, p50 on 1 thread: {'; '.join(choices)}", "dim"
 
 

@@ -1,6 +1,6 @@
-"""A run in about ten lines: who was measured on what, errors, misses, speed, its place.
+"""A run in about ten lines: model and test, errors, misses, speed, its place.
 
-``run_report`` prints all of it.
+``run_report`` prints the full report.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ MISSES = {
     "coverage": ("answered", 1, " %"),
     "catch_resolved": ("single seen as two", 1, " %"),
 }
-"""Metrics that stand beside every error: name, decimals and unit."""
+"""Metrics that stand beside every error -> name, decimals and unit."""
 WHOLE = ("all", "mean")
 """Groups that stand for all test frames."""
 MOST_METRICS = 4
-"""Metrics of a protocol that declares no table: more would not be a summary."""
+"""Most metrics of a protocol that declares no table: more would not be a summary."""
 GLOSSARY = "docs/glossary.md"
 TERMS = {
     "mae_mm": "MAE",
@@ -55,17 +55,17 @@ TERMS = {
     "coverage": "coverage",
     "catch_resolved": "catch trial",
 }
-"""Metrics whose names the glossary explains, and the word there."""
+"""Metrics whose names the glossary explains -> the word in the glossary."""
 
 
 def print_summary(console: Console, record: Record, folder: Path, place: Placement | None) -> None:
     """Print a run in about ten lines.
 
     Args:
-        console: Where to print.
-        record: Of the run.
-        folder: Where the run lies.
-        place: Its place on a board; None where it has none.
+        console: Console to print on.
+        record: Record of the run.
+        folder: Folder of the run.
+        place: Place of the run on a board; None where it has none.
     """
     headline = headline_table(record)
     console.print(Text(f"{_protocol(record)}  {record.protocol.title}", style="bold"))
@@ -84,21 +84,21 @@ def print_summary(console: Console, record: Record, folder: Path, place: Placeme
 
 
 def headline_table(record: Record) -> Table:
-    """Return the first main table that stands for the whole test, or the protocol's headline."""
+    """Return the first main table that has groups, or else the metrics over all test frames."""
     spec = board_spec(record.protocol.label)
     run_table = next((columns for columns in spec.run_tables if columns.groups), None)
     if run_table is not None:
         names = ["", *(named(name, _unit(record, name)) for name in run_table.metrics)]
         rows = (row[: len(names)] for row in measured_rows(run_table, record)[0])
         return table(names, rows, title=f"{run_table.title}: value [95 % interval]")
-    whole = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
+    over_all = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
     if spec.headline is not None:
         first = (spec.headline.metric, spec.headline.group)
-        whole.sort(key=lambda m: (m.metric, m.group) != first)
+        over_all.sort(key=lambda m: (m.metric, m.group) != first)
     decimals = 3 if spec.headline is None else spec.headline.decimals
     shown = [
         (named(m.metric, m.unit), metric_number(m, decimals), f"{m.clusters:,}")
-        for m in whole[:MOST_METRICS]
+        for m in over_all[:MOST_METRICS]
     ]
     return table(["", "value [95 % interval]", Column("presses")], shown)
 
@@ -108,7 +108,7 @@ def _unit(record: Record, name: str) -> str:
 
 
 def misses_line(record: Record) -> str:
-    """Return what no error shows: contacts that were missed or made up, frames without answer."""
+    """Return what errors do not show: missed and spurious contacts, frames without an answer."""
     values = {name: metric_number(record.metric(name, "all"), MISSES[name][1]) for name in MISSES}
     parts = (
         f"{MISSES[name][0]} {value}{MISSES[name][2]}"
@@ -183,7 +183,7 @@ def _next(record: Record, place: Placement | None) -> str:
 
 
 def _protocol(record: Record) -> str:
-    """Return the name that runs the version of the record."""
+    """Return the name under which the protocol version of the record can be run."""
     return name_of(record.protocol.id, record.protocol.hash)
 
 
@@ -193,12 +193,12 @@ def _rest(record: Record, folder: Path) -> Text:
 
 
 def print_glossary(console: Console, record: Record) -> None:
-    """Print where the words of a run are explained."""
+    """Print where the terms of a run are explained."""
     console.print(Text("words: ").append(glossary_links(record)), soft_wrap=True)
 
 
 def glossary_links(record: Record) -> Text:
-    """Return the words of a run; on a terminal that shows links they lead to the glossary."""
+    """Return the terms of a run, as links to the glossary on terminals that show links."""
     text = Text()
     page = Path(__file__).resolve().parents[2] / GLOSSARY  # a checkout has it, a wheel does not
     names = {m.metric for m in record.metrics}
@@ -209,5 +209,5 @@ def glossary_links(record: Record) -> Text:
 
 
 def anchor(word: str) -> str:
-    """Return the anchor of a word on the page of the glossary."""
+    """Return the anchor of a term on the page of the glossary."""
     return word.lower().replace(" ", "-")

@@ -14,7 +14,7 @@ from tactibench.report.table import Text
 
 
 def other_version(record: Record, protocol: LoadedProtocol) -> list[Block]:
-    """Return which version a record was made with, where it is not the one shown."""
+    """Return a note on the version that a record was made with, where another one is shown."""
     made_with = record.protocol
     if made_with.hash == protocol.hash:
         return []
@@ -26,9 +26,14 @@ def other_version(record: Record, protocol: LoadedProtocol) -> list[Block]:
 
 
 def describe_test(record: Record, shots: bool) -> list[Block]:
-    """Return how many frames of how many presses, where the protocol's draws are not tested.
+    """Return a note on the number of frames and presses, where another test is shown.
 
-    shots: whether some rows were shown labelled presses of the tested sensor.
+    Args:
+        record: First record of the section.
+        shots: Whether some rows were shown labelled presses of the tested sensor.
+
+    Returns:
+        [] where the protocol's own presses are tested.
     """
     tested = record.test_sensor
     if tested is None:
@@ -53,7 +58,7 @@ def describe_test(record: Record, shots: bool) -> list[Block]:
 
 
 def _fitted_frames(record: Record) -> str:
-    """Return what else was fitted to labelled frames of the tested sensor, as sentences."""
+    """Return sentences on what else was fitted to labelled frames of the tested sensor."""
     fitted = fitted_frames(record)
     if fitted is None:
         return ""
@@ -66,14 +71,14 @@ def _fitted_frames(record: Record) -> str:
 
 
 def count_scenes(record: Record) -> list[Block]:
-    """Return how the sensor made the test scenes, where it made them in more than one way."""
+    """Return a note on how the sensor made the test scenes, where it made them in several ways."""
     counts = record.sensor.scene_counts.get("test", {})
     counted = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
     return [Paragraph((Prose("Test scenes: "), counted, Prose(".")))] if counted else []
 
 
 def simulator_error(rows: Iterable[Row]) -> list[Block]:
-    """Return how far the frames may be from finite elements; nothing of older records."""
+    """Return a note on how far frames may be from finite elements; [] for older records."""
     line = first_line(record for row in rows for record in row.records)
     return [Paragraph((f"{line[0].upper()}{line[1:]}.",))] if line else []
 
@@ -90,9 +95,9 @@ def list_commits(runs: Sequence[Record]) -> Block:
 
 
 def missing_trivial(name: str, rows: Sequence[Row]) -> list[Block]:
-    """Return how to make the trivial rows that a board lacks."""
-    there = {row.first.model.name for row in rows}
-    absent = sorted(TRIVIAL - there)
+    """Return a note on how to make the trivial rows that a board lacks."""
+    present = {row.first.model.name for row in rows}
+    absent = sorted(TRIVIAL - present)
     if trained_on(rows[0].first) or not absent:  # the board does not know where recordings lie
         return []
     asked = "".join({command_options(row.first) for row in rows})

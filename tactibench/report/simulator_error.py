@@ -9,11 +9,11 @@ from tactibench.records.record import Record, SimulatorError
 TITLE = "simulator's own error at a pin"
 DECIMALS = 3
 MOST_SETS = 3
-"""More sets of test frames than these are summed up: the protocol of hard cases has thirty."""
+"""More sets of test frames are summarised: the protocol of hard cases has thirty."""
 
 
 def error_line(record: Record) -> str:
-    """Return the line of a record; "" for one that does not say it."""
+    """Return the line of a record; "" where the record states no error."""
     errors = record.data.simulator
     if not errors:
         return ""

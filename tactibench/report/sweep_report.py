@@ -1,4 +1,4 @@
-"""The cells of a sweep as a table, and below it why some failed."""
+"""The cells of a sweep as a table, with the reasons of failures below it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,14 @@ RIGHT = frozenset({"seed", "time"})
 def print_sweep(
     console: Console, finished: Sequence[CellResult], sets: Sequence[DatasetTask], store: Path
 ) -> None:
-    """Print every cell with its state, every data set, and how many there are of each."""
+    """Print every cell and every data set with its state, and the number of cells of each state.
+
+    Args:
+        console: Console to print on.
+        finished: Results of the cells.
+        sets: Data sets of the sweep.
+        store: Folder of the run store.
+    """
     if sets:
         print_table(console, _set_table(sets))
     if not finished:
@@ -65,7 +72,7 @@ def _state(result: CellResult) -> str:
 
 
 def _counts(finished: Sequence[CellResult]) -> str:
-    """Return "6 cells: 4 run, 1 in the store, 1 failed"."""
+    """Return the number of cells by state, such as "6 cells: 4 run, 1 in the store, 1 failed"."""
     states = [_state(result) for result in finished]
     parts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
     return f"{len(finished)} cells: {', '.join(parts)}"

@@ -1,4 +1,4 @@
-"""The one table of the program: columns, and rows of typed cells.
+"""The table of the whole program: columns, and rows of typed cells.
 
 A cell is a fact: a number with its interval, or a text. It becomes text in a writer
 (``tactibench.report.writers``) and nowhere else.
@@ -25,11 +25,11 @@ PERCENT = 100.0
 
 @dataclass(frozen=True)
 class Number:
-    """A number with what belongs to it.
+    """A number with its interval and marks.
 
     Attributes:
-        value: In the unit of its column.
-        write: How the value and the ends of its interval become text.
+        value: Value, in the unit of its column.
+        write: Makes text from the value and from the ends of its interval.
         interval: Low and high end; an end that is not known is None. None: no interval is shown.
         bound: "<" or ">" where the value is only a bound, "" otherwise.
         below: Text in small letters below the value.
@@ -45,7 +45,7 @@ class Number:
 
     @property
     def text(self) -> str:
-        """The value alone: "0.412", "< 6.5"."""
+        """The value alone, such as "0.412" or "< 6.5"."""
         return f"{self.bound} {self.write(self.value)}" if self.bound else self.write(self.value)
 
     @property
@@ -57,7 +57,7 @@ class Number:
         return low, high
 
     def __str__(self) -> str:
-        """Return the value and its interval in one line: "0.412 [0.398, 0.426]"."""
+        """Return the value and its interval in one line, such as "0.412 [0.398, 0.426]"."""
         if self.interval == (None, None) and not self.bound:
             return f"{self.text} {NO_INTERVAL}"
         return self.text if self.ends is None else f"{self.text} [{', '.join(self.ends)}]"
@@ -70,9 +70,9 @@ class Text:
     Attributes:
         text: The words.
         style: "" (plain), "italic" or "code".
-        below: What stands below the words on a page that leaves the columns of detail out.
-        link: Where the words lead on a page, such as "#row"; "" for nowhere.
-        brief: Whether a page hides what stands below, and only a filter finds it.
+        below: Words that stand below on a page that leaves the columns of detail out.
+        link: Address that the words link to on a page, such as "#row"; "" for none.
+        brief: Whether a page hides the words below, which only its filter finds then.
     """
 
     text: str
@@ -83,7 +83,7 @@ class Text:
 
 
 Cell = Number | Text | str | None
-"""None: there is no value."""
+"""What stands in one place of a table; None: there is no value."""
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,13 @@ class Column:
     """A column.
 
     Attributes:
-        head: Its name, with the unit.
-        right: Whether cells stand to the right, as numbers do.
+        head: Name of the column, with the unit.
+        right: Whether cells are aligned to the right, as numbers are.
         title: An explanation of the head, for a page.
         optional: Whether a narrow terminal may leave the column out.
         who: Whether the column names its row; it stays in view when a page scrolls.
         detail: Whether the column qualifies the name of the row, which says it as well.
-        spread: Whether it is the standard deviation of the column before it.
+        spread: Whether the column is the standard deviation of the column before it.
     """
 
     head: str
@@ -115,7 +115,13 @@ Head = Column | str
 
 @dataclass(frozen=True)
 class Caption:
-    """A line above a row of a table. narrow: what it says in addition without optional columns."""
+    """A line above a row of a table.
+
+    Attributes:
+        text: Words of the line.
+        style: Style of the words, for a terminal.
+        narrow: Words that are added where optional columns are left out.
+    """
 
     text: str
     style: str = ""
@@ -127,11 +133,12 @@ class Table:
     """A table.
 
     Attributes:
-        columns: From left to right.
+        columns: Columns from left to right.
         rows: Cells, as many in each row as there are columns.
         title: The heading.
         note: A paragraph below the table.
-        guide: How to read tables of its kind; a page says it before the note of the first of them.
+        guide: How to read tables of this kind; a page shows it before the note of the first such
+            table.
         captions: Lines above rows, by the number of the row.
         anchors: A name for every row, to which a page can be linked; () for none.
     """
@@ -148,9 +155,13 @@ class Table:
 def table(
     heads: Iterable[Head], rows: Iterable[Iterable[Cell]], *, title: str = "", note: str = ""
 ) -> Table:
-    """Return a table. heads: a column, or the name of a column of words, which stand to the left.
+    """Return a table.
 
-    title, note: of the table.
+    Args:
+        heads: One entry a column; a text is the name of a column of words, aligned to the left.
+        rows: Cells of every row.
+        title: Heading of the table.
+        note: Paragraph below the table.
     """
     columns = tuple(Column(head, right=False) if isinstance(head, str) else head for head in heads)
     return Table(columns, tuple(tuple(row) for row in rows), title, note)
@@ -159,7 +170,17 @@ def table(
 def metric_number(
     metric: Metric | PooledMetric | None, decimals: int, *, interval: bool = True, below: str = ""
 ) -> Number | None:
-    """Return the number of a metric, of one run or over seeds; shares become per cent."""
+    """Return the number of a metric, of one run or over seeds; shares become per cent.
+
+    Args:
+        metric: The metric; None: there is none.
+        decimals: Number of decimals.
+        interval: Whether the interval is shown.
+        below: Text below the value.
+
+    Returns:
+        None where the metric has no value.
+    """
     if metric is None or metric.value is None:
         return None
     scale = PERCENT if metric.unit == "share" else 1.0

@@ -1,4 +1,4 @@
-"""The table of ``tactibench board time``: a line a model and number of threads."""
+"""The table of ``tactibench board time``: one line for each model and number of threads."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactibench.run.load import QUIET
 
 
 def print_times(console: Console, records: Sequence[Record]) -> None:
-    """Print the times of one frame of all models, and which are not settled and why."""
+    """Print the times of one frame of all models, and the reasons why some are not settled."""
     print_table(console, times_table(records))
     for record in records:
         for row in _single(record):
@@ -26,7 +26,7 @@ def print_times(console: Console, records: Sequence[Record]) -> None:
 
 
 def times_table(records: Sequence[Record]) -> Table:
-    """Return the table, the fastest model first."""
+    """Return the table of times, the fastest model first."""
     numbers = ("p50 ms", "p90 ms", "processor/wall", "stolen, %", "foreign, %", "load")
     rows: list[list[Cell]] = []
     for record in sorted(records, key=lambda one: min(r.p50_ms for r in _single(one))):
@@ -44,7 +44,7 @@ def processor_share(row: SpeedRow) -> float | None:
 
 
 def disturbance(row: SpeedRow) -> str:
-    """Return in words why the times of a row are not settled."""
+    """Return the reason why the times of a row are not settled, in words."""
     share = processor_share(row)
     if share is None:
         return "processor time was not measured"

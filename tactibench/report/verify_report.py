@@ -13,7 +13,7 @@ from tactibench.report.writers.terminal import print_table
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
-    """Print the name, what was computed anew, and what rests on the submitter's word."""
+    """Print the name, what was computed anew, and what rests on the submitter's word alone."""
     record = verdict.record
     lines = (
         f"VERIFIED {verdict.path.name}",

@@ -1,4 +1,4 @@
-"""The report: boards and runs as one HTML file that asks no network for anything."""
+"""The report: boards and runs as one HTML file that loads nothing from a network."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Tables without what says nothing, as narrow as a page needs them.
+"""Tables as narrow as a page needs them, without empty columns and rows.
 
-A Markdown board says of every row what was not measured. A page leaves out columns and rows that
-hold no value, and writes encoder, regime, mixing and seeds below the name of the model. What all
-rows say in the same words stands once, below the table.
+A Markdown board shows in every row what was not measured. A page leaves out columns and rows that
+hold no value, and writes encoder, regime, mixing and seeds below the name of the model. Words that
+are the same in all rows stand once, below the table.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from tactibench.report.table import Cell, Column, Number, Table, Text
 
 def compact_blocks(blocks: Iterable[Block]) -> list[Block]:
     """Return the blocks with compact tables, and without tables that hold no value."""
-    kept: list[Block] = []
+    result: list[Block] = []
     for block in blocks:
         if isinstance(block, Group):
-            kept.append(replace(block, blocks=tuple(compact_blocks(block.blocks))))
+            result.append(replace(block, blocks=tuple(compact_blocks(block.blocks))))
         elif not isinstance(block, Table):
-            kept.append(block)
+            result.append(block)
         elif (table := compact(block)) is not None:
-            kept.append(table)
-    return kept
+            result.append(table)
+    return result
 
 
 def compact(table: Table) -> Table | None:
     """Return the table without columns and rows that hold no value; None where nothing is left.
 
-    Columns of detail go where the name of the row says the same; a standard deviation stands below
-    its value.
+    Columns of detail are left out where the name of the row says the same; a standard deviation
+    stands below its value.
     """
     named = [any(_says_details(row, table.columns)) for row in table.rows]
     columns, rows = _without_spread(table.columns, table.rows)
@@ -65,15 +65,15 @@ def compact(table: Table) -> Table | None:
 def named_briefly(blocks: Iterable[Block]) -> list[Block]:
     """Return the blocks with details of models only where a table needs them to tell rows apart.
 
-    A filter still finds the details. The first table of a section says them all.
+    A filter still finds the details. The first table of a section shows them all.
     """
-    kept: list[Block] = []
+    result: list[Block] = []
     for block in blocks:
         if isinstance(block, Group):
-            kept.append(replace(block, blocks=tuple(named_briefly(block.blocks))))
+            result.append(replace(block, blocks=tuple(named_briefly(block.blocks))))
         else:
-            kept.append(_named_briefly(block) if isinstance(block, Table) else block)
-    return kept
+            result.append(_named_briefly(block) if isinstance(block, Table) else block)
+    return result
 
 
 def _named_briefly(table: Table) -> Table:
@@ -94,7 +94,7 @@ def _named_briefly(table: Table) -> Table:
 
 
 def _same_words(cells: list[Cell]) -> str:
-    """Return the words that several rows share; "" for numbers, and where rows differ."""
+    """Return the words that all rows share; "" for numbers, and where rows differ."""
     if len(cells) < 2 or any(cell != cells[0] for cell in cells):
         return ""
     first = cells[0]
@@ -102,12 +102,13 @@ def _same_words(cells: list[Cell]) -> str:
 
 
 def _says_details(row: tuple[Cell, ...], columns: tuple[Column, ...]) -> Iterable[bool]:
+    """Yield for every column whether its cell holds the details of the row below its name."""
     for cell, column in zip(row, columns, strict=True):
         yield column.who and isinstance(cell, Text) and bool(cell.below)
 
 
 def _holds(cell: Cell) -> bool:
-    """Return whether a cell says something."""
+    """Return whether a cell holds a value."""
     return cell is not None and cell != ""
 
 

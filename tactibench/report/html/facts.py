@@ -1,4 +1,4 @@
-"""Tables of a report that no board has: the best rows, the plan, machines and software."""
+"""Tables of a report that no board has: the best rows, the protocols, machines and software."""
 
 from __future__ import annotations
 
@@ -20,7 +20,12 @@ from tactibench.report.table import Cell, Column, Head, Number, Table, Text, met
 
 
 def models(boards: Iterable[ReportBoard], link: Callable[[ReportBoard, str], str]) -> Table:
-    """Return a line for every model, with its errors on all boards of the present versions."""
+    """Return the overview: one line for every model, with its errors on all present boards.
+
+    Args:
+        boards: Boards of the report.
+        link: Makes the link to a row from its board and its anchor.
+    """
     present = {board.name: board for board in boards if not board.protocol.archived}
     lines = overview({name: board.records for name, board in present.items()})
     lead = present.get(overview_spec().protocol)
@@ -33,8 +38,8 @@ def best_rows(
     """Return the rows of rank 1 of every section that has two rows that are not trivial.
 
     Args:
-        boards: With their pages.
-        link: Makes the link to a row out of its board and its anchor.
+        boards: Boards of the report with their pages.
+        link: Makes the link to a row from its board and its anchor.
     """
     heads: list[Head] = [
         "protocol",
@@ -126,7 +131,7 @@ def _draw(draw: Draw) -> str:
 
 
 def machines(records: Iterable[Record]) -> Table:
-    """Return one row a hardware fingerprint."""
+    """Return a table of the machines, with one row for every hardware fingerprint."""
     by_machine: dict[str, list[Record]] = {}
     for record in records:
         by_machine.setdefault(machine(record), []).append(record)
@@ -155,7 +160,7 @@ def _machine(records: Sequence[Record]) -> list[Cell]:
 
 
 def software(records: Iterable[Record]) -> Table:
-    """Return every library, plugin and commit, and how many runs were made with it."""
+    """Return every library, plugin and commit, with the number of runs that were made with it."""
     counts: Counter[tuple[str, str, str]] = Counter()
     for record in records:
         identity = record.identity

@@ -38,9 +38,9 @@ from tactibench.report.plots.style import CURVES, image_bytes
 from tactibench.report.table import Cell, Column, Number, Table, Text, table
 
 COLUMNS = 10
-"""Models beside each other in a heat map."""
+"""Most models beside each other in a heat map."""
 WORST_ROWS, WORST = 8, 3
-"""Rows whose worst frames are shown, the best first, and frames of each."""
+"""Most rows whose worst frames are shown, the best first, and number of frames of each."""
 RELIEF_ROWS = 2
 PAGE_DPI = 100
 WITHOUT_FRAMES = (
@@ -49,12 +49,19 @@ WITHOUT_FRAMES = (
 )
 T = TypeVar("T")
 MISSES = (("missed", "missed"), ("resolved", "resolved as two"), ("coverage", "answered"))
-"""Shares without which no error is shown: the first of these that a row has."""
+"""Shares that are shown beside every error: the first of these that a row has."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """One choice of a panel. image: data URI. numbers: behind it, where no table has them."""
+    """One choice of a panel.
+
+    Attributes:
+        label: Name of the choice.
+        image: The picture, as a data URI.
+        numbers: Numbers behind the picture, where no table of the page has them.
+        note: Words below the picture.
+    """
 
     label: str
     image: str
@@ -63,10 +70,10 @@ class Option:
 
 
 MOST_PICTURES = 3
-"""Pictures of one kind and sensor. Of more rows than they hold the best ones are drawn alone: a
-picture takes a second or more, and nobody compares hundreds by eye."""
+"""Most pictures of one kind and sensor. Where they cannot hold all rows, one picture of the best is
+drawn: a picture takes a second or more, and nobody compares hundreds by eye."""
 MOST_POINTS = 24
-"""Points beside the line of a frontier that can still be told apart."""
+"""Most points beside the line of a frontier that can still be told apart."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +83,9 @@ class Panel:
     Attributes:
         title: The heading.
         caption: How to read the figure.
-        options: Of the choice.
-        ask: The name of the choice.
-        folded: Whether a reader has to ask for the figure, because it is behind another.
+        options: Options of the choice.
+        ask: Name of the choice.
+        folded: Whether the figure is hidden until a reader opens it, because it is behind another.
     """
 
     title: str
@@ -91,7 +98,13 @@ class Panel:
 def panels(
     section: PageSection, board: ReportBoard, sections: Sequence[Section] = ()
 ) -> list[Panel]:
-    """Return the figures of one sensor. sections: all of the board."""
+    """Return the figures of one sensor.
+
+    Args:
+        section: Tables of the sensor.
+        board: Board of the section.
+        sections: All sections of the board.
+    """
     rows = [row for row in section.rows if not row.trivial]
     candidates = (
         _frontier_panel(section.section, board, sections),
@@ -105,7 +118,7 @@ def panels(
 
 
 def machine_words(record: Record) -> str:
-    """Return a machine in words: "AMD EPYC, 2 cores (2814b7530aaa)"."""
+    """Return a machine in words, such as "AMD EPYC, 2 cores (2814b7530aaa)"."""
     facts = record.environment
     cores = f"{facts.cores_logical} cores" if facts.cores_logical else ""
     parts = [str(facts.cpu or "unknown"), cores, *(str(gpu) for gpu in facts.gpu)]
@@ -113,7 +126,7 @@ def machine_words(record: Record) -> str:
 
 
 def misses(row: Row) -> str:
-    """Return "missed 0.17 %": of all frames; "" where the row counts no misses."""
+    """Return the share that qualifies an error, such as "missed 0.17 %", or ""."""
     for metric, words in MISSES:
         for group in ("all", "0"):
             pooled = row.metric(metric, group)
@@ -123,7 +136,7 @@ def misses(row: Row) -> str:
 
 
 def row_latency(row: Row) -> Number | None:
-    """Return the p90 of one frame, ms, where all seeds were timed on one machine."""
+    """Return the p90 of one frame, ms; None where the seeds were not timed on one machine."""
     times = row.over(lambda record: latency(record, threads=1))
     if not times or len({machine(record) for record in row.records}) > 1:
         return None
@@ -161,7 +174,7 @@ def _frontier_panel(here: Section, board: ReportBoard, sections: Sequence[Sectio
 
 
 def _verdict_table(regimes: Sequence[Frontier], error: Ranking) -> Table:
-    """Return who is on the frontier of a regime, and who is dominated by whom."""
+    """Return a table of the points: on the frontier of their regime, or dominated by which one."""
     heads = (
         Column("model", right=False, who=True),
         Column("p90, ms"),
@@ -181,15 +194,15 @@ def _verdict_table(regimes: Sequence[Frontier], error: Ranking) -> Table:
 
 
 def _less_crowded(regime: Frontier) -> Frontier:
-    """Return the frontier with the points on its line and the best others."""
+    """Return the frontier with the points on its line and the best other points."""
     if len(regime.points) <= MOST_POINTS:
         return regime
     others = sorted(
         (point for point in regime.points if point not in regime.best),
         key=lambda point: point.error.value,
     )
-    kept = {point.label for point in (*regime.best, *others[:MOST_POINTS])}
-    return replace(regime, points=tuple(p for p in regime.points if p.label in kept))
+    labels = {point.label for point in (*regime.best, *others[:MOST_POINTS])}
+    return replace(regime, points=tuple(p for p in regime.points if p.label in labels))
 
 
 def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
@@ -228,7 +241,7 @@ def _batch_options(
     kind: Literal["png", "svg"] = "svg",
     size: int = CURVES,
 ) -> tuple[Option, ...]:
-    """Return a picture for every ``size`` rows, the best first, named by places."""
+    """Return a picture for every ``size`` rows, the best first, named by their places."""
     options = []
     drawn = rows if len(rows) <= MOST_PICTURES * size else rows[:size]
     for start in range(0, len(drawn), size):
@@ -280,7 +293,7 @@ def _stability_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> It
 
 
 def _stored(rows: Sequence[Row], board: ReportBoard) -> Iterator[tuple[Row, RunArrays]]:
-    """Return rows whose first seed is a stored run of the present protocol."""
+    """Yield the rows whose first seed is a stored run of the present protocol, with its arrays."""
     if board.protocol.spec.answer != "contacts":
         return
     for row in rows:
@@ -304,7 +317,7 @@ def _worst_panel(rows: Sequence[Row], board: ReportBoard) -> Panel:
 
 
 def _worst_frames(row: Row, arrays: RunArrays) -> Option:
-    """Draw the worst of the frames that a run has stored."""
+    """Return a picture of the worst among the frames that a run has stored."""
     frames = [int(k) for k in arrays.examples["index"]]
     test = arrays.spec.test
     trials = Trials(

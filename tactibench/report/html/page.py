@@ -1,7 +1,7 @@
-"""The pages of a report, one file or a site: one template fed with boards and their figures.
+"""The pages of a report, one file or a site: one template, filled with boards and their figures.
 
 The same data gives the same bytes. A Content-Security-Policy names the one script by its hash, so
-that nothing else runs, whatever a name or note says.
+that no other script can run, whatever text a name or note holds.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ class SectionView:
     """One sensor on the page.
 
     Attributes:
-        key: Of its anchor.
-        title: The sensor.
-        first: HTML of the table that orders the rows, with what stands before it.
+        key: Name of its anchor.
+        title: Title of the section.
+        first: HTML of the table that orders the rows, with everything before it.
         tables: HTML of the other tables.
         panels: The figures.
-        lacking: Why some figures are not there.
+        lacking: Reason why some figures are missing; "" for none.
     """
 
     key: str
@@ -60,7 +60,15 @@ class SectionView:
 
 @dataclass(frozen=True)
 class Chapter:
-    """One protocol on the page. intro, published: HTML made of escaped text."""
+    """One protocol on the page.
+
+    Attributes:
+        key: Name of its anchor.
+        title: Title of the protocol.
+        intro: HTML of the first paragraphs; all text is escaped.
+        sections: One view a sensor.
+        published: HTML of the published tables; all text is escaped.
+    """
 
     key: str
     title: str
@@ -77,8 +85,8 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
     """Return the HTML of a report, all in one file.
 
     Args:
-        data: What it shows.
-        advance: Is told the protocol that is being worked on.
+        data: Data of the report.
+        advance: Called with the name of the protocol that is being drawn.
 
     Raises:
         UserError: The library of the extra ``report`` is missing.
@@ -86,10 +94,10 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
     template = _template()
     pages = _board_pages(data)
     chapters = []
-    said: set[str] = set()
+    captions_shown: set[str] = set()
     for board, page in pages:
         advance(board.name)
-        chapters.append(_chapter(board, page, said))
+        chapters.append(_chapter(board, page, captions_shown))
     advance("page")
     glance = _glance(pages, lambda _, anchor: f"#{anchor}")
     links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters), *END_LINKS]
@@ -99,13 +107,13 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
 def site_pages(
     data: ReportData, *, advance: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[str, str]]:
-    """Yield the name and the HTML of every page of a site: the index, then one a protocol.
+    """Yield the name and the HTML of every page of a site: the index, then one page a protocol.
 
     A row has the address ``PROTOCOL.html#ANCHOR``, which stays when others are added.
 
     Args:
-        data: What the site shows.
-        advance: Is told the protocol that is being worked on.
+        data: Data of the site.
+        advance: Called with the name of the protocol that is being drawn.
 
     Raises:
         UserError: The library of the extra ``report`` is missing.
@@ -138,7 +146,7 @@ def _board_pages(data: ReportData) -> list[tuple[ReportBoard, BoardPage]]:
 def _glance(
     pages: Sequence[tuple[ReportBoard, BoardPage]], link: Callable[[ReportBoard, str], str]
 ) -> tuple[Table, ...]:
-    """Return the tables over all boards, without those that hold nothing."""
+    """Return the tables over all boards that hold a value."""
     tables = (models([board for board, _ in pages], link), best_rows(pages, link))
     return tuple(table for table in map(compact, tables) if table is not None)
 
@@ -156,11 +164,11 @@ def _rendered(
     """Return a page.
 
     Args:
-        template: Of all pages.
-        data: For the line on where the rows are from.
-        pages: Whose plans, machines and software are listed.
-        chapters: The boards that are shown.
-        links: Address and name, of the chapters or of the other pages of a site.
+        template: Template of all pages.
+        data: Data of the report, for the line on the origin of the rows.
+        pages: Boards whose protocols, machines and software are listed.
+        chapters: Boards that are shown.
+        links: Address and name of the chapters, or of the other pages of a site.
         glance: Tables over all boards; None on a page of one board.
         here: The page's own address in a site.
     """
@@ -185,7 +193,13 @@ def _rendered(
 
 
 def _chapter(board: ReportBoard, page: BoardPage, said: set[str]) -> Chapter:
-    """Return a chapter. said: captions and notes of papers that the page has, more are added."""
+    """Return a chapter.
+
+    Args:
+        board: Board of the chapter.
+        page: Its page.
+        said: Captions and notes of papers that the page has so far; new ones are added.
+    """
     sections = tuple(
         _section(board, page, section, _anchor(board.name, k), said)
         for k, section in enumerate(page.sections)
@@ -196,14 +210,14 @@ def _chapter(board: ReportBoard, page: BoardPage, said: set[str]) -> Chapter:
 
 
 def _new_items(block: Block, said: set[str]) -> Block:
-    """Return a list without what the page has said of the same paper before."""
+    """Return a list without the items that the page has shown before."""
     if not isinstance(block, Bullets):
         return block
     return Bullets(tuple(item for item in block.items if _once(repr(item), said)))
 
 
 def _once(text: str, said: set[str]) -> str:
-    """Return a text that has not been said, else ""."""
+    """Return a text that the page has not shown before, else ""."""
     new = "" if text in said else text
     said.add(text)
     return new
@@ -224,7 +238,7 @@ def _section(
         html(fold_tables(blocks[first:], 0)),
         tuple(
             replace(panel, caption=_once(panel.caption, said))
-            for panel in panels(section, board, [one.section for one in page.sections])
+            for panel in panels(section, board, [other.section for other in page.sections])
         ),
         _once(WITHOUT_FRAMES, said).format(board.name) if lacking else "",
     )

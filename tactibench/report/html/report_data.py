@@ -32,10 +32,10 @@ class ReportBoard:
     """One version of a protocol in a report.
 
     Attributes:
-        protocol: Its present version or an archived one.
-        records: Of all runs that are shown.
+        protocol: The present version of a protocol, or an archived one.
+        records: Records of all runs that are shown.
         published: Tables of papers.
-        errors: Press by press, by the name of the record.
+        errors: Errors press by press, by the name of the record.
         runs: Stored runs, by the name of the record.
     """
 
@@ -53,7 +53,12 @@ class ReportBoard:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Boards in the order of the page. origin: a sentence on what was read and left out."""
+    """The data of a report.
+
+    Attributes:
+        boards: Boards in the order of the page.
+        origin: A sentence on what was read and what was left out.
+    """
 
     boards: tuple[ReportBoard, ...]
     origin: str
@@ -67,26 +72,26 @@ def gather(
     protocols: Sequence[str] = (),
     archived: bool = False,
 ) -> ReportData:
-    """Read the data of a report.
+    """Return the data of a report, read from a store and a board.
 
     Args:
         store: The run store.
         board: Folder of the leaderboards.
         origin: One of ORIGINS; auto takes the store's runs where it holds complete ones, else the
             committed records.
-        protocols: Those shown, an archived version by its label; () for all that have records.
-            An archived version is then left out where the present one has records.
-        archived: Whether such versions are shown all the same.
+        protocols: Protocols that are shown, an archived version by its label; () for all that have
+            records. An archived version is then left out where the present one has records.
+        archived: Whether such versions are shown nevertheless.
 
     Raises:
         UserError: A protocol is unknown, or there is nothing to show.
     """
     files = protocol_files()
     versions = [version for name in files for version in protocol_versions(name)]
-    known = [version.name for version in versions]
+    names = [version.name for version in versions]
     for name in protocols:
-        if name not in known:
-            near = did_you_mean(name, known if "@" in name else files)
+        if name not in names:
+            near = did_you_mean(name, names if "@" in name else files)
             raise UserError(f"unknown protocol {name!r}; {near}")
     runs = list(stored_runs(store)) if origin != BOARD else []
     complete = [run for run in runs if not run.record.partial]
@@ -120,8 +125,8 @@ def _board(
     for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
         if run.record.protocol.id == name:
             newest[slot(run.record)] = run
-    own = records_of_version([run.record for run in newest.values()], protocol)
-    by_name = {record.name: newest[slot(record)] for record in own}
+    stored = records_of_version([run.record for run in newest.values()], protocol)
+    by_name = {record.name: newest[slot(record)] for record in stored}
     committed: list[Record] = []
     errors: dict[str, PressErrors] = {}
     if origin != RUNS:
@@ -129,7 +134,7 @@ def _board(
         committed = [r for r in records if slot(r) not in newest]
         errors |= all_press_errors(board, committed)
     errors |= _press_errors(protocol, by_name)
-    shown = sorted([*committed, *own], key=lambda record: record.name)
+    shown = sorted([*committed, *stored], key=lambda record: record.name)
     tables = tuple(published_tables(protocol, board))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
 
@@ -140,20 +145,20 @@ def _press_errors(
     """Return the error that orders the board, press by press; equal arrays are read once."""
     if board_spec(protocol.label).ranking is None:
         return {}
-    known: dict[tuple[str, str], PressErrors] = {}
+    by_hashes: dict[tuple[str, str], PressErrors] = {}
     errors = {}
     for name, run in runs.items():
         stored = run.record.identity.stored
         key = stored.get("truth", name), stored.get("predictions", name)
         if run.record.protocol.hash != protocol.hash:
             continue
-        if key not in known:
+        if key not in by_hashes:
             try:
                 truth, predicted = run.arrays("truth"), run.arrays("predictions")
-                known[key] = press_errors_of(protocol.spec, truth, predicted)
+                by_hashes[key] = press_errors_of(protocol.spec, truth, predicted)
             except (UserError, KeyError, ValueError):
                 continue  # a damaged run is ranked by its intervals
-        errors[name] = known[key]
+        errors[name] = by_hashes[key]
     return errors
 
 
@@ -164,7 +169,7 @@ def _origin_sentence(
     boards: Sequence[ReportBoard],
     others: Sequence[ReportBoard],
 ) -> str:
-    """Return what is shown, where it is from, and how much of the store is not shown."""
+    """Return what is shown, its origin, and how much of the store is not shown."""
     stored = sum(len(board.runs) for board in boards)
     committed = sum(len(board.records) for board in boards) - stored
     of_others = sum(len(board.runs) for board in others)
@@ -182,8 +187,8 @@ def _origin_sentence(
     if other:
         left.append(f"{plural(other, 'run')} of other protocols, or older ones of the same row")
     if others:
-        count = plural(sum(len(one.records) for one in others), "record")
-        names = ", ".join(one.name for one in others)
+        count = plural(sum(len(earlier.records) for earlier in others), "record")
+        names = ", ".join(earlier.name for earlier in others)
         left.append(f"{count} of earlier versions (--protocol {names})")
     text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
     return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."

@@ -1,1 +1,1 @@
-"""Pictures: one module a figure, each a function from data to a figure, for PNG and for pages."""
+"""Pictures: one module for each figure, with a function that draws it for PNG and pages."""

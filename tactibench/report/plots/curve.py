@@ -22,12 +22,17 @@ from tactibench.report.plots.style import (
 )
 
 DODGE = 0.012
-"""Between the curves, as a share of the presses, so that bars stand beside each other."""
+"""Distance between the curves, as a share of the presses, so that bars do not overlap."""
 
 
 @dataclass(frozen=True)
 class Caption:
-    """Title and horizontal axis of learning curves."""
+    """Title and horizontal axis of learning curves.
+
+    Attributes:
+        title: Title of the picture.
+        presses: Name of the horizontal axis.
+    """
 
     title: str
     presses: str
@@ -46,22 +51,32 @@ NEW_SENSOR = Caption(
 def curve_figure(
     curves: Sequence[Curve], error: Ranking, caption: Caption = LEARNING, *, measured_on: str = ""
 ) -> Figure:
-    """Draw every curve with its bars; none and few presses stand on a linear part of the axis."""
+    """Draw every curve with its bars, on logarithmic axes.
+
+    Where a curve has a step with no presses, the axis is linear up to half the fewest other
+    presses.
+
+    Args:
+        curves: Learning curves.
+        error: Error on the vertical axis.
+        caption: Title and name of the horizontal axis.
+        measured_on: Printed as subtitle.
+    """
     figure = new_figure(8.0, 5.2)
     axes = figure.subplots()
     middle = (len(curves) - 1) / 2
     drawn = counts(curves)
-    # A logarithmic axis has no place for 0: below half the fewest presses it is linear.
+    # A logarithmic axis has no place for 0, so it is linear below half the fewest presses.
     few = min(filter(None, drawn), default=2) / 2 if 0 in drawn else 0.0
     looks = row_looks([curve.model for curve in curves])
     for k, (curve, look) in enumerate(zip(curves, looks, strict=True)):
-        known = [(step.presses, step.error) for step in curve.steps if step.error is not None]
-        y = [pooled.value for _, pooled in known]
+        points = [(step.presses, step.error) for step in curve.steps if step.error is not None]
+        y = [pooled.value for _, pooled in points]
         axes.errorbar(
-            [presses + max(presses, few) * DODGE * (k - middle) for presses, _ in known],
+            [presses + max(presses, few) * DODGE * (k - middle) for presses, _ in points],
             y,
             error_bars(
-                y, [pooled.low for _, pooled in known], [pooled.high for _, pooled in known]
+                y, [pooled.low for _, pooled in points], [pooled.high for _, pooled in points]
             ),
             **look.points,
             linestyle=look.line,

@@ -1,4 +1,4 @@
-"""Two-point discrimination: error against distance, and how likely a pair is seen as two."""
+"""Two-point discrimination: error against distance, and the share of pairs that are seen as two."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from tactibench.report.plots.style import (
 )
 
 DODGE_MM = 0.05
-"""Between the series, so that interval bars stand beside each other."""
+"""Distance between the series, so that interval bars do not overlap."""
 FEW = 0.5
-"""Share of resolved pairs below which an error is one of few: a hollow mark."""
+"""Share of resolved pairs below which a mark is hollow: its error is that of few pairs."""
 CURVE_POINTS = 56
 """Distances at which a fitted curve is drawn."""
 THRESHOLD_TITLE = "Pairs seen as two; large mark: the threshold, at which 75 % are resolved"
@@ -43,13 +43,15 @@ THRESHOLD_TITLE = "Pairs seen as two; large mark: the threshold, at which 75 % a
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A row of exp2 by distance: (K, 4) distance, value, low, high of three metrics, ascending.
+    """A row of exp2 by distance.
+
+    Each metric is a (K, 4) array of distance, value, low and high, ascending by distance.
 
     Attributes:
-        label: Of the row.
-        model: Its name.
-        error: mm, over resolved pairs.
-        penalised: mm, an unresolved pair counts its true distance.
+        label: Label of the row.
+        model: Name of the model.
+        error: Error over resolved pairs, mm.
+        penalised: Error in which an unresolved pair counts its true distance, mm.
         resolved: Share of pairs resolved.
         fit: (2, M) distance and share of the logistic fit; None where a seed has none.
         threshold: Distance at which 75 % are resolved, mm.
@@ -65,13 +67,13 @@ class Series:
 
     @property
     def few(self) -> npt.NDArray[np.bool_]:
-        """(K,) whether less than half of the pairs behind each error were resolved."""
+        """(K,) whether fewer than half of the pairs behind each error were resolved."""
         few = set(self.resolved[self.resolved[:, 1] < FEW, 0])
         return np.array([distance in few for distance in self.error[:, 0]], dtype=bool)
 
 
 def distance_series(row: Row) -> Series:
-    """Return what a row measured by distance."""
+    """Return the metrics of a row by distance."""
     return Series(
         row.label,
         row.first.model.name,
@@ -84,7 +86,7 @@ def distance_series(row: Row) -> Series:
 def by_distance(row: Row, metric: str) -> FloatArray:
     """Return (K, 4) distance, value, low, high of a metric, ascending; n/a is left out.
 
-    A missing end of an interval is the value itself: no bar is drawn on that side.
+    A missing end of an interval is set to the value itself, so that no bar is drawn on that side.
     """
     lines = []
     for group in dict.fromkeys(m.group for m in row.first.metrics if m.metric == metric):
@@ -104,7 +106,7 @@ def distance_figure(
     """Draw distance error against distance with intervals, and the resolved share below it.
 
     Args:
-        series: In the order of the legend.
+        series: Rows in the order of the legend.
         published: Tables whose mean distance errors become dashed lines.
         measured_on: Printed as subtitle, such as "simulated sensor tactip-127".
     """
@@ -125,35 +127,39 @@ def distance_figure(
 
 
 def fitted_series(row: Row) -> Series:
-    """Return what a row measured by distance, with the mean of the logistic fits of its seeds."""
+    """Return the metrics of a row by distance, with the mean of the logistic fits of its seeds."""
     series = distance_series(row)
     fit = None
     if len(series.resolved) > 1:
         distance = np.linspace(series.resolved[0, 0], series.resolved[-1, 0], CURVE_POINTS)
         fits = [logistic_fit(record, distance) for record in row.records]
-        known = [one for one in fits if one is not None]
-        fit = np.stack([distance, np.mean(known, axis=0)]) if len(known) == len(fits) else None
+        curves = [curve for curve in fits if curve is not None]
+        fit = np.stack([distance, np.mean(curves, axis=0)]) if len(curves) == len(fits) else None
     return replace(series, fit=fit, threshold=row.metric("threshold_mm", "all"))
 
 
 def logistic_fit(record: Record, distance: FloatArray) -> FloatArray | None:
-    """Return (N,) the logistic fit of a run at distances, mm, from its counts and threshold.
+    """Return the logistic fit of a run at distances, from its counts and threshold.
 
     The slope is the most likely one at the threshold, as in ``tactibench.metrics.threshold``.
 
+    Args:
+        record: Record of the run.
+        distance: (N,) distances, mm.
+
     Returns:
-        None where the run has no threshold, or a bound, or one between measured shares: no fit of
-        these counts crosses 75 % there.
+        (N,) shares. None where the run has no threshold, or its threshold is a bound or was read
+        between measured shares: no fit of these counts crosses 75 % there.
     """
     shares = [m for m in record.metrics if m.metric == "resolved" and m.group[:1].isdigit()]
-    known = sorted((float(m.group), m.value, m.n) for m in shares if m.value is not None)
+    counts = sorted((float(m.group), m.value, m.n) for m in shares if m.value is not None)
     threshold = next((m for m in record.metrics if m.metric == "threshold_mm"), None)
-    if len(known) < 2 or threshold is None or threshold.value is None or threshold.censored:
+    if len(counts) < 2 or threshold is None or threshold.value is None or threshold.censored:
         return None
     if threshold.method is not None:
         return None
     lapse = record.value("threshold_lapse", "all") or 0.0
-    tested, share, trials = np.array(known, dtype=np.float64).T
+    tested, share, trials = np.array(counts, dtype=np.float64).T
     middle = np.array([threshold.value])
     slope = Profile(tested, np.rint(share * trials), trials).slope(middle, lapse)
     eta = Profile(distance, distance, distance).logit(middle, slope, lapse)
@@ -186,19 +192,28 @@ def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figu
 
 
 def dodged(series: Sequence[Series]) -> list[tuple[Series, Look, float]]:
-    """Return every series with its look, and how far it is moved aside, mm."""
+    """Return every series with its look and its shift along the axis, mm."""
     middle = (len(series) - 1) / 2
-    looks = row_looks([one.model for one in series])
+    looks = row_looks([line.model for line in series])
     return [
-        (one, look, (k - middle) * DODGE_MM)
-        for k, (one, look) in enumerate(zip(series, looks, strict=True))
+        (line, look, (k - middle) * DODGE_MM)
+        for k, (line, look) in enumerate(zip(series, looks, strict=True))
     ]
 
 
 def show_line(
     axes: Axes, table: FloatArray, shift: float, look: Look, label: str = "", hollow: Any = None
 ) -> None:
-    """Draw (K, 4) distance, value, low, high as a line with bars; hollow: (K,) marks."""
+    """Draw a series as a line with bars.
+
+    Args:
+        axes: Panel to draw on.
+        table: (K, 4) distance, value, low, high.
+        shift: Shift along the horizontal axis, mm.
+        look: Colour, marker and line.
+        label: Label in the legend; "" for none.
+        hollow: (K,) bool, which marks are hollow; None: none.
+    """
     x, value, low, high = table.T
     axes.plot(
         x + shift,
@@ -224,12 +239,12 @@ def show_line(
 
 
 def log_errors(axes: Axes, tables: Sequence[FloatArray], others: Sequence[float] = ()) -> None:
-    """Set a logarithmic axis of errors: those of the models span decades.
+    """Set a logarithmic axis of errors, because the errors of the models span decades.
 
     Args:
-        axes: Of the panel.
+        axes: Axes of the panel.
         tables: (K, 4) distance, value, low, high, mm.
-        others: More values that the axis has to hold, mm.
+        others: More values that the axis has to show, mm.
     """
     values = [float(v) for v in (*(v for table in tables for v in table[:, 1]), *others) if v > 0]
     if values:
@@ -239,7 +254,7 @@ def log_errors(axes: Axes, tables: Sequence[FloatArray], others: Sequence[float]
 
 
 def share_axis(axes: Axes) -> None:
-    """Set the axes of a panel of resolved shares by distance."""
+    """Set both axes of a panel of resolved shares by distance."""
     axes.set_ylim(-6, 106)
     axes.set_yticks([0, 25, 50, 75, 100])
     axes.set_ylabel("pairs resolved\nas two, %")
@@ -258,13 +273,13 @@ def finish(
         columns = min(3, len(series))
         legend_below(figure, columns, handles, labels)
     details = [where, "bars: 95 % interval over presses"]
-    if title.startswith("Two-point") and any(one.few.any() for one in series):
+    if title.startswith("Two-point") and any(line.few.any() for line in series):
         details.append("hollow: less than half resolved")
     headline(figure, title, *details)
 
 
 def _show_published(axes: Axes, means: Sequence[tuple[str, float]]) -> None:
-    """Draw dashed lines, each named in the right margin."""
+    """Draw dashed lines, each with its name in the right margin."""
     low, high = np.log(axes.get_ylim()) if means else (0.0, 1.0)
     places = spread([float(np.log(value)) for _, value in means], (high - low) * 0.13)
     for (label, value), place in zip(means, np.exp(places), strict=True):

@@ -18,9 +18,9 @@ from tactibench.report.plots.style import GREY, HEAT, headline, model_look, new_
 
 CELL_INCH = (0.86, 0.27)
 FAMILY_INCH = 2.3
-"""Beside the cells, for the name of a family and its values."""
+"""Width beside the cells, for the name of a family and its values."""
 BRIGHT = 0.55
-"""Share of the colours from which on words in a cell are dark."""
+"""Place in the colour scale, 0 to 1, above which words in a cell are dark."""
 TITLE = "Value at which the error is twice that of the easy case; >, <: not doubled at the hardest"
 
 
@@ -29,13 +29,14 @@ def doubling_figure(
 ) -> Figure:
     """Draw a cell for every family and model: the value at which the error doubles.
 
-    The colour says how far along the cases of its family that is: families have units of their own.
-    A white cell has no such value, because the easy case costs half the gate already.
+    The colour says how far along the cases of its family that value is, because families have
+    different units. A white cell has no such value, because the easy case costs half the gate
+    already.
 
     Args:
-        rows: The models, a column each.
-        axes: Of the families; those without an order are left out.
-        title: Of the picture.
+        rows: The models, one column each.
+        axes: Axes of the families; those without an order are left out.
+        title: Title of the picture.
         measured_on: Printed as subtitle.
     """
     ordered = [axis for axis in axes if axis.ordered]
@@ -73,7 +74,7 @@ def doubling_figure(
 
 
 def share_of_cases(grade: FamilyErrors) -> float | None:
-    """Return how far along the cases of a family the error doubles, from 0 to 1; None: unknown."""
+    """Return how far along the cases of a family the error doubles, 0 to 1; None: unknown."""
     doubles = grade.doubles
     if doubles is None:
         return None
@@ -100,7 +101,7 @@ def _show_cell(
 
 
 def _show_model(panel: Axes, x: int, row: Row) -> None:
-    """Write the name of a column above it, under the mark that the model has everywhere."""
+    """Write the name of a model above its column, with its mark."""
     name = short_label(row.label).replace(" (", "\n(").replace(" + ", "\n+ ").replace(", ", ",\n")
     transform = panel.get_xaxis_transform()
     lines = name.count("\n") + 1

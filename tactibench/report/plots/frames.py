@@ -1,4 +1,4 @@
-"""Test frames: what the camera saw, what the model predicted, its layers, and what was there."""
+"""Test frames: the camera image, the prediction of a model, its layers, and the truth."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from tactibench.report.plots.style import (
 )
 
 Layer = tuple[str, int, npt.NDArray[Any]]
-"""Name, number of channels, (<= K, H, W) of them."""
+"""Name, number of channels, and (K, H, W) of the channels that are shown."""
 TILES = 6
-"""Channels of a layer that are shown."""
+"""Most channels of a layer that are shown."""
 
 
 def frame_figure(example: FrameExample, *, title: str = "", measured_on: str = "") -> Figure:
@@ -47,7 +47,13 @@ def frame_figure(example: FrameExample, *, title: str = "", measured_on: str = "
 def worst_frames_figure(
     examples: Sequence[tuple[str, FrameExample]], *, title: str = "", measured_on: str = ""
 ) -> Figure:
-    """Draw frames with large errors, a column each; each has a caption."""
+    """Draw frames with large errors, one column each.
+
+    Args:
+        examples: Caption and frame of every column.
+        title: Title of the picture.
+        measured_on: Printed as subtitle.
+    """
     figure = new_figure(3.4 * len(examples), 6.6)
     panels = figure.subplots(2, len(examples), squeeze=False)
     for k, (caption, example) in enumerate(examples):
@@ -65,7 +71,13 @@ def features_figure(
 ) -> Figure:
     """Draw the frame, the layers down the left and up the right, and the prediction.
 
-    Every channel has its own scale from its least to its greatest activation.
+    Every channel has its own scale from its smallest to its largest activation.
+
+    Args:
+        example: The frame.
+        layers: Layers of the model, in the order of the forward pass.
+        title: Title of the picture.
+        measured_on: Printed as subtitle.
     """
     rows = -(-len(layers) // 2)
     figure = new_figure(10.0, 3.1 + 0.98 * rows)

@@ -31,16 +31,16 @@ from tactibench.report.plots.style import (
 
 Box = tuple[float, float, float, float]
 LINE_INCH, LETTER_INCH = 0.17, 0.066
-"""Height of a name, and width of one of its letters."""
+"""Height of a name, and width of one of its letters, inches."""
 WIDE_INCH, NARROW_INCH = 8.4, 4.3
-"""Width of a panel alone and of two beside each other, nearly."""
+"""Approximate width of a single panel, and of each of two beside each other, inches."""
 HEIGHT_INCH = 3.4
 TINY = 1e-12
-"""In place of 0, which a logarithmic axis does not have."""
+"""Value that replaces 0, which a logarithmic axis does not have."""
 GAP = 0.09
-"""Between a point and its name, inches."""
+"""Distance between a point and its name, inches."""
 STRANGE = 0.16
-"""Between a name and the point of another, inches."""
+"""Distance between a name and the points of other rows, inches."""
 FADED = 0.45
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
 NOMINAL = "nominal"
@@ -48,12 +48,12 @@ NOMINAL = "nominal"
 
 @dataclass(frozen=True)
 class Condition:
-    """Frontiers, one a regime, of one set of test frames.
+    """Frontiers on one set of test frames.
 
     Attributes:
-        title: Over its panels.
-        frontiers: One a regime.
-        axis: Name of an error that is another than the nominal one; "" where it is the same.
+        title: Title above the panels.
+        frontiers: One frontier a regime.
+        axis: Name of the error where it is another one than the nominal; "" where it is the same.
     """
 
     title: str
@@ -62,25 +62,26 @@ class Condition:
 
     @property
     def count(self) -> int:
-        """Its points."""
+        """Number of points."""
         return sum(len(frontier.points) for frontier in self.frontiers)
 
 
 def off_nominal(
     protocol: str, here: Section, sections: Sequence[Section], nominal: Sequence[Frontier]
 ) -> list[Condition]:
-    """Return how the same configurations did where the sensor was not the nominal one.
+    """Return the frontiers of the same configurations where the sensor is not the nominal one.
 
     Args:
         protocol: Name of the protocol.
-        here: The section of the frontiers.
-        sections: All of the board.
-        nominal: Frontiers of its rows.
+        here: Section of the nominal frontiers.
+        sections: All sections of the board.
+        nominal: Frontiers of the rows of ``here``.
 
     Returns:
-        The other instances that the protocol presses; without rows of these, the section of the
-        same sensor with most of the configurations. A single point shows no order and is left out,
-        and there is none where the frontiers themselves are not of the nominal sensor.
+        At most one condition: the other sensor instances that the protocol presses; without rows of
+        these, the section of the same sensor with most of the configurations. A condition with a
+            single
+        point shows no order and is left out. Empty where ``here`` is not of the nominal sensor.
     """
     spec = board_spec(protocol)
     if here.kind != NOMINAL_KIND or spec.ranking is None:
@@ -111,18 +112,20 @@ def frontier_figure(
 ) -> Figure:
     """Draw latency against error with intervals, a panel a regime and condition, on log axes.
 
-    Panels of one error have the same axes. Colour and marker by model; filled: not dominated,
-    hollow: dominated. A name stands beside its point where there is room for it, those on the line
-    first.
+    Panels of one error have the same axes. A model has its colour and marker. Filled marks are not
+    dominated, hollow marks are. A name stands beside its point where there is room for it; names of
+    points on the line are placed first.
 
     Args:
-        frontiers: One a regime.
-        error: That ranks.
+        frontiers: One frontier a regime.
+        error: Error that ranks the rows.
         off_nominal: The same configurations on other test frames, in panels of their own.
-        title: Of the picture.
+        title: Title of the picture.
         measured_on: Printed as subtitle.
     """
-    shown = [k for k, one in enumerate(frontiers) if one.points] or list(range(len(frontiers)))[:1]
+    shown = [k for k, regime in enumerate(frontiers) if regime.points] or list(
+        range(len(frontiers))
+    )[:1]
     conditions = [Condition(NOMINAL if off_nominal else "", tuple(frontiers)), *off_nominal]
     drawn = [
         (condition, condition.frontiers[k])
@@ -138,7 +141,9 @@ def frontier_figure(
     size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
     for axes, (condition, frontier) in zip(panels.flat, drawn, strict=False):
         if points:
-            alike = [p for other, one in drawn if other.axis == condition.axis for p in one.points]
+            alike = [
+                p for other, regime in drawn if other.axis == condition.axis for p in regime.points
+            ]
             _set_scales(axes, [p.latency for p in points], [p.error for p in alike])
         _show_line(axes, frontier.best)
         for point in frontier.points:
@@ -203,14 +208,14 @@ def _set_scales(axes: Axes, times: Sequence[Range], errors: Sequence[Range]) -> 
 
 
 def _subs(ratio: float) -> Sequence[float]:
-    """Return what is numbered in a decade, so that a short axis has several numbers, too."""
+    """Return the multiples that are numbered in a decade; more where an axis is short."""
     if ratio > 300:
         return (1,)
     return (1, 2, 5) if ratio > 6 else (1, 1.5, 2, 3, 4, 5, 7)
 
 
 def _show_line(axes: Axes, best: Sequence[Point]) -> None:
-    """Draw the least error that is reached within a time: steps through the best points."""
+    """Draw the smallest error that is reached within a time: steps through the best points."""
     if not best:
         return
     right = axes.get_xlim()[1]
@@ -228,19 +233,19 @@ def _show_line(axes: Axes, best: Sequence[Point]) -> None:
 
 
 def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> None:
-    """Write names right beside their points, where no other name or point stands.
+    """Write names beside their points, where no other name or point stands.
 
-    A name without room is left out, so that no line has to lead to it: the legend says the model.
+    A name without room is left out, so that no line has to lead to it: the legend names the model.
 
     Args:
-        axes: With its limits set.
-        frontier: The points of the panel.
-        size: Of the panel, inches.
+        axes: Panel with its limits set.
+        frontier: Points of the panel.
+        size: Width and height of the panel, inches.
     """
     low, high = (np.log(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
     values = [(point.latency.value, point.error.value) for point in frontier.points]
     places = [tuple((np.log(value) - low) / (high - low) * size) for value in values]
-    taken: list[Box] = []
+    occupied: list[Box] = []
     lines = [
         tuple(np.ravel((np.log(np.maximum(ends, TINY)) - low) / (high - low) * size))
         for ends in [*_bars(frontier.points), *_steps(frontier.best, axes.get_xlim()[1])]
@@ -254,13 +259,13 @@ def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> N
         width = LETTER_INCH * len(name)
         points = [
             _around(place, GAP if place == (x, y) else STRANGE) for place in places
-        ]  # a name must not seem to be that of another point
-        box = _free_box(x, y, width, size, [*points, *taken, *lines])
+        ]  # a name must not seem to belong to another point
+        box = _free_box(x, y, width, size, [*points, *occupied, *lines])
         if box is None:  # a name across a bar is better than none
-            box = _free_box(x, y, width, size, [*points, *taken])
+            box = _free_box(x, y, width, size, [*points, *occupied])
         if box is None:
             continue
-        taken.append(box)
+        occupied.append(box)
         axes.annotate(
             name,
             (box[0] / size[0], (box[1] + box[3]) / 2 / size[1]),
@@ -299,9 +304,17 @@ def _steps(best: Sequence[Point], right: float) -> Iterator[list[tuple[float, fl
 def _free_box(
     x: float, y: float, width: float, size: tuple[float, float], taken: Sequence[Box]
 ) -> Box | None:
-    """Return a free box for a name that touches its point, inches: left, bottom, right, top.
+    """Return a free box for a name that touches its point: left, bottom, right, top, inches.
 
-    Above or below, to the right before the left, then above and below the middle, then beside.
+    Places are tried in this order: above or below to the right, then to the left, then above and
+    below the middle, then beside. None where all are taken.
+
+    Args:
+        x: Place of the point from the left of the panel, inches.
+        y: Place of the point from the bottom of the panel, inches.
+        width: Width of the name, inches.
+        size: Width and height of the panel, inches.
+        taken: Boxes that must stay free.
     """
     up, half = 0.8 * LINE_INCH, LINE_INCH / 2
     places = [(x + GAP, y + s * up) for s in (1, -1)]
@@ -325,7 +338,8 @@ def _legend(models: Sequence[str]) -> list[Line2D]:
     )
     steps = Line2D([], [], color=GREY, linestyle=(0, (5, 3)), label="least error within a time")
     if len(handles) > 3 and len(handles) % 2:
-        handles.append(Line2D([], [], linestyle="none", label=" "))  # what is no model stays apart
+        # An empty entry keeps the two entries that are no models in a column of their own.
+        handles.append(Line2D([], [], linestyle="none", label=" "))
     return [*handles, hollow, steps]
 
 

@@ -20,7 +20,7 @@ UNBOUNDED = "#FFFFFF"
 HATCH = "////"
 MICRO = 1000.0
 WIDE = 4.0
-"""From this ratio of the largest to the smallest bound on, a panel's scale is logarithmic."""
+"""Ratio of the largest to the smallest bound above which a panel's scale is logarithmic."""
 LETTERS_AN_INCH = 12
 TITLE = "Cramer-Rao bound: smallest standard deviation"
 FINE_MM = 0.1
@@ -63,7 +63,7 @@ def limit_figure(maps: LimitMaps, *, title: str = TITLE, measured_on: str = "") 
 
 
 def _show_map(axes: Axes, maps: LimitMaps, layer: Any) -> tuple[Any, str]:
-    """Draw one map; return it with its unit, None where no cell has a bound."""
+    """Draw one map and return its image with its unit; None and "" where no cell has a bound."""
     finite = np.isfinite(layer)
     left, right, bottom, top = extent(maps.request.grid)
     if np.isinf(layer).any():

@@ -1,4 +1,4 @@
-"""Contacts in millimetres: truth as rings, predictions as marks, both with their depth."""
+"""Contacts in millimetres: true ones as rings, predicted ones as marks, both with their depth."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tactibench.report.plots.style import BLACK, HEAT
 
 TIP_RADIUS_MM = 3.0
 EMPTY_FIELD = "#F2F2F2"
-"""Ground of a panel of a model without heatmaps."""
+"""Background of a panel of a model without heatmaps."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameExample:
-    """A test frame with its truth and what a model predicted.
+    """A test frame with its truth and the prediction of a model.
 
     Attributes:
         image: (H, W) or (H, W, 3) uint8.
-        grid: Of the heatmap.
+        grid: Grid of the heatmap.
         heatmap: (rows, columns) of the grid in 0..1; None for a model without heatmaps.
         truth: The true contacts.
         predicted: The predicted contacts.
@@ -50,6 +50,13 @@ def show_field(
     axes: Axes, grid: Grid, heatmap: npt.NDArray[Any] | None, truth: Contacts, max_depth: float
 ) -> Any:
     """Draw a heatmap, or an empty field, with the truth on it.
+
+    Args:
+        axes: Panel to draw on.
+        grid: Grid of the heatmap.
+        heatmap: (rows, columns) of the grid in 0..1; None: an empty field.
+        truth: The true contacts.
+        max_depth: Depth that a heatmap value of 1 stands for, mm.
 
     Returns:
         The image for a colour bar, None without a heatmap.
@@ -90,13 +97,13 @@ def extent(grid: Grid) -> tuple[float, float, float, float]:
 
 
 def millimetres(axes: Axes, grid: Grid) -> None:
-    """Frame the grid with equal scales and labels in mm."""
+    """Set the limits of the axes to the grid, with equal scales and labels in mm."""
     left, right, bottom, top = extent(grid)
     axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="x, mm", ylabel="y, mm", aspect="equal")
 
 
 def rings(axes: Axes, truth: Contacts, colour: str = "white", *, contour: str = "black") -> None:
-    """Draw a circle of the tip's radius at every true contact, its depth outside it."""
+    """Draw a circle of the tip's radius at every true contact, with its depth outside."""
     effects = outline(contour)
     for xy, depth, side in zip(truth.xy, truth.depth, _sides(truth.xy), strict=True):
         ring = Circle(
@@ -127,7 +134,7 @@ def marks(
 
 
 def depths(axes: Axes, contacts: Contacts, colour: str, *, contour: str, dy: float = 1.9) -> None:
-    """Write every contact's depth, mm, ``dy`` mm below its mark."""
+    """Write the depth of every contact, mm, ``dy`` mm below its mark."""
     for xy, depth in zip(contacts.xy, contacts.depth, strict=True):
         _number(axes, np.add(xy, (0.0, dy)), depth, colour, contour)
 
@@ -149,7 +156,7 @@ def _number(axes: Axes, place: FloatArray, depth: float, colour: str, contour: s
 def _sides(xy: FloatArray) -> FloatArray:
     """Return (N, 2) unit vectors from the middle of all contacts to each: labels go outwards.
 
-    Up for a contact that is the middle.
+    A contact in the middle has a vector that points up.
     """
     away = xy - xy.mean(axis=0) if len(xy) else xy
     length = np.linalg.norm(away, axis=1, keepdims=True)

@@ -20,15 +20,15 @@ def relief_figure(
     title: str = "",
     measured_on: str = "",
 ) -> Figure:
-    """Draw (H, W) maps of depth, mm, on one z axis, one colour scale and one viewpoint.
+    """Draw (H, W) maps of depth, mm, with one z axis, one colour scale and one viewpoint.
 
     Depth is inward; it is drawn upwards, because a dent hides its own bottom.
 
     Args:
-        grid: Of both maps.
-        predicted: Heatmap of a model.
-        true: True displacement of the skin; None where the sensor does not know it.
-        title: Of the picture.
+        grid: Grid of both maps.
+        predicted: Heatmap of a model, mm.
+        true: True displacement of the skin, mm; None where the sensor does not know it.
+        title: Title of the picture.
         measured_on: Printed as subtitle.
     """
     maps = [("heatmap of the model", predicted)]

@@ -1,4 +1,4 @@
-"""The pictures of a run, beside its record."""
+"""The pictures of a run, stored beside its record."""
 
 from __future__ import annotations
 
@@ -25,12 +25,17 @@ if TYPE_CHECKING:
     from tactibench.report.plots.marks import FrameExample
 
 PANELS = 3
-"""Other runs in a picture with a panel a run: more could not be told apart."""
+"""Most other runs in a picture that has one panel a run: more could not be told apart."""
 
 
 @dataclass(frozen=True)
 class RunArrays:
-    """A run with the arrays that pictures need, each read once."""
+    """A run with the arrays that pictures need, each read once.
+
+    Attributes:
+        run: Stored run.
+        spec: Protocol of the run.
+    """
 
     run: StoredRun
     spec: Protocol
@@ -71,9 +76,15 @@ class RunArrays:
         return self.spec.grid.grid()
 
     def map_of(self, row: int, name: str = "maps") -> FloatArray | None:
-        """Return the (H, W) heatmap 0..1 of a test frame, None for a model without maps.
+        """Return the (H, W) map of a test frame, such as its heatmap in 0..1.
 
-        Frames that are scored apart come last and have no true surface.
+        Args:
+            row: Number of the test frame.
+            name: "maps" (heatmap of the model) or "surface" (true surface).
+
+        Returns:
+            None for a model without maps, and for the true surface of frames that are scored apart,
+            which come last.
         """
         maps = self.maps.get(name, ())
         return np.asarray(maps[row], dtype=np.float64) if row < len(maps) else None
@@ -95,17 +106,20 @@ class RunArrays:
 
 
 def update_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
-    """Return the pictures of a run, drawn where they are missing or older than a run in them."""
+    """Return the pictures of a run, drawn again where there are none or one is out of date.
+
+    A picture is out of date where it is older than a run that it shows.
+    """
     pictures = sorted(run.folder.glob("*.png"))
     shown = [run, *runs_beside(run.record, others)]
-    newest = max(_written(one.folder / RECORD) for one in shown)
+    newest = max(_written(shown_run.folder / RECORD) for shown_run in shown)
     if pictures and min(map(_written, pictures)) >= newest:
         return pictures
     return draw_pictures(run, others)
 
 
 def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
-    """Draw the pictures of a run and return their files. Plate poses have none yet."""
+    """Draw the pictures of a run and return their files. Plate poses have no pictures yet."""
     record = run.record
     protocol = version_of(record.protocol.id, record.protocol.hash)
     if protocol is None:
@@ -120,7 +134,7 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     if spec.families:
         figures["stability"] = _stability(arrays, beside[: CURVES - 1])
     else:
-        if "images" in arrays.examples:  # channels show nothing at a glance
+        if "images" in arrays.examples:  # a reader could not interpret a picture of channels
             figures |= _frame(arrays) | _features(arrays)
         if spec.test.group == "all":
             figures["errors"] = _single(arrays)
@@ -128,7 +142,7 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
             figures["distance"] = _distance(arrays, beside[: CURVES - 1])
         if spec.test.group == "indenter":
             figures |= _triple(arrays, beside[:PANELS])
-    # All are rendered before the first is written: an interruption leaves all or none.
+    # All are rendered before the first is written, so that a failure to draw leaves none.
     images = {run.folder / f"{name}.png": image_bytes(f, "png") for name, f in figures.items()}
     for path, image in images.items():
         with atomic(path) as stream:
@@ -137,10 +151,10 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
 
 
 def runs_beside(record: Record, others: Sequence[StoredRun]) -> list[StoredRun]:
-    """Return runs that a picture may show beside this one, one a label, the newest of each.
+    """Return the runs that a picture may show beside this one: one a label, the newest of each.
 
-    In the order in which they are taken while there is room: no trivial rows, the fewest
-    parameters that are not at their defaults, the same regime.
+    They are in the order in which a picture takes them while there is room: trivial models last,
+    then the fewest parameters that are not at their defaults, then the same regime.
     """
     by_label = {
         label_of(other.record): other
@@ -165,7 +179,7 @@ def press_error(truth: Contacts, predicted: Contacts) -> float:
 
 
 def _written(path: Path) -> float:
-    """Return when a file was last written, s."""
+    """Return the time at which a file was last written, s."""
     return path.stat().st_mtime
 
 
@@ -181,7 +195,7 @@ def _comparable(other: Record, record: Record) -> bool:
 
 
 def _median(arrays: RunArrays, rows: Sequence[int]) -> int:
-    """Return the test frame whose error is the median one."""
+    """Return the number of the test frame with the median error."""
     errors = [press_error(arrays.contacts[row], arrays.predicted[row]) for row in rows]
     return int(rows[int(np.argsort(errors, kind="stable")[len(errors) // 2])])
 
@@ -205,7 +219,7 @@ def _frame(arrays: RunArrays) -> dict[str, Figure]:
 
 
 def _features(arrays: RunArrays) -> dict[str, Figure]:
-    """Draw the layers of a model on the press that was stored for it, if it shows them."""
+    """Draw the layers of a model on the press that was stored for it, if it has them."""
     if "features_row" not in arrays.examples:
         return {}
     from tactibench.report.plots.frames import features_figure
@@ -238,8 +252,8 @@ def _single(arrays: RunArrays) -> Figure:
 
 
 def _best_contacts(contacts: Sequence[Contacts]) -> FloatArray:
-    """Return (N, 3) x, y, depth of the best contact of each."""
-    rows = [(*one.xy[0], one.depth[0]) for one in contacts]
+    """Return (N, 3) x, y, depth of the first contact of each frame."""
+    rows = [(*frame.xy[0], frame.depth[0]) for frame in contacts]
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 

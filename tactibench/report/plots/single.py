@@ -1,4 +1,4 @@
-"""Experiment 1: predicted against true on each axis, and the errors themselves."""
+"""Experiment 1: predicted against true values on each axis, and the errors themselves."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ AXES = (("x", BLUE), ("y", VERMILION), ("z (depth)", GREEN))
 def single_figure(
     truth: npt.ArrayLike, predicted: npt.ArrayLike, *, title: str = "", measured_on: str = ""
 ) -> Figure:
-    """Draw (N, 3) true and predicted x, y, depth, mm: scatter above, histogram of errors below.
+    """Draw true and predicted x, y, depth: scatter plots above, histograms of errors below.
 
-    The histograms share one range, the 99.5th percentile of all absolute errors rounded up, so that
-    axes can be compared by eye; errors outside are counted in the panel.
+    The histograms share one range, the 99.5th percentile of all absolute errors rounded up, so
+    that axes can be compared by eye; errors outside are counted in the panel.
+
+    Args:
+        truth: (N, 3) true x, y, depth, mm.
+        predicted: (N, 3) predicted x, y, depth, mm.
+        title: Title of the picture.
+        measured_on: Printed as subtitle.
     """
     true, estimate = (np.asarray(v, dtype=np.float64).reshape(-1, 3) for v in (truth, predicted))
     error = estimate - true

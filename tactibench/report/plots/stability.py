@@ -30,14 +30,14 @@ from tactibench.report.plots.style import (
 
 COLUMNS = 3
 DODGE = 0.07
-"""Between the rows, in steps of the axis, so that bars stand beside each other."""
+"""Distance between the rows, in steps of the axis, so that bars do not overlap."""
 TENTH = 0.1
-"""Share of the contacts missed from which on a marker is hollow."""
+"""Share of missed contacts from which a marker is hollow."""
 TITLE = "Hard cases: error from the easy case on"
 BLOCKS = 2
-"""Families side by side: a page is wider than a row is long."""
+"""Number of families side by side: a page is wider than one row of frames."""
 SHARE = 0.7
-"""Share of a frame's sides, around the middle, that is shown: beyond are no pins."""
+"""Share of a frame's sides, around the middle, that is shown: there are no pins outside."""
 
 
 def stability_figure(
@@ -45,12 +45,12 @@ def stability_figure(
 ) -> Figure:
     """Draw a panel for every family with an easy case; the values are evenly spaced.
 
-    A vertical tick on the curve marks where the error doubles.
+    A vertical tick on the curve marks the value at which the error doubles.
 
     Args:
         rows: The models, in the order of the legend.
-        axes: Of the families.
-        title: Of the picture.
+        axes: Axes of the families.
+        title: Title of the picture.
         measured_on: Printed as subtitle.
     """
     families = [family_errors(row, axes) for row in rows]
@@ -94,19 +94,19 @@ def _show_family(
 
 
 def _show_curve(axes: Axes, family: FamilyErrors, shift: float, label: str, look: Look) -> int:
-    """Draw one row on one family; return how many errors were drawn."""
-    known = [
+    """Draw one row on one family and return how many errors were drawn."""
+    drawn = [
         (k, case, case.error)
         for k, case in enumerate(family.cases)
         if case.error is not None and case.error.value > 0
     ]
-    x = np.array([k + shift for k, _, _ in known])
-    y = [error.value for _, _, error in known]
+    x = np.array([k + shift for k, _, _ in drawn])
+    y = [error.value for _, _, error in drawn]
     marks: dict[str, Any] = {"markersize": 3.5, **look.points}
     axes.errorbar(
         x,
         y,
-        error_bars(y, [error.low for _, _, error in known], [error.high for _, _, error in known]),
+        error_bars(y, [error.low for _, _, error in drawn], [error.high for _, _, error in drawn]),
         linestyle=look.line if family.axis.ordered else "none",
         linewidth=1.1,
         elinewidth=0.8,
@@ -114,25 +114,25 @@ def _show_curve(axes: Axes, family: FamilyErrors, shift: float, label: str, look
         label=short_label(label),
         **marks,
     )
-    missed = [case.missed is not None and case.missed.value >= TENTH for _, case, _ in known]
+    missed = [case.missed is not None and case.missed.value >= TENTH for _, case, _ in drawn]
     for place, value in ((a, b) for a, b, few in zip(x, y, missed, strict=True) if few):
         axes.plot(place, value, linestyle="none", markerfacecolor="white", zorder=3, **marks)
     doubles = family.doubles
-    if doubles is not None and not doubles.censored and family.axis.ordered and len(known) > 1:
+    if doubles is not None and not doubles.censored and family.axis.ordered and len(drawn) > 1:
         place = _on_axis(doubles.value, [case.value for case in family.cases])
         tick: dict[str, Any] = {"markersize": 9, "markeredgewidth": 1.4, "color": look.color}
         height = _log_between(place, x - shift, y)
         axes.plot(place + shift, height, marker="|", linestyle="none", **tick)
-    return len(known)
+    return len(drawn)
 
 
 def _log_between(x: float, at: Any, y: Any) -> float:
-    """Return the height on the straight line that a logarithmic axis shows."""
+    """Return the height on the straight line that a logarithmic axis shows between two points."""
     return float(np.exp(np.interp(x, at, np.log(y))))
 
 
 def _on_axis(value: float, values: Sequence[float]) -> float:
-    """Return where a value lies between evenly spaced ones, rising or falling."""
+    """Return the place of a value between evenly spaced values, rising or falling."""
     order = np.argsort(values)
     return float(np.interp(value, np.array(values)[order], np.arange(len(values))[order]))
 
@@ -140,9 +140,14 @@ def _on_axis(value: float, values: Sequence[float]) -> float:
 def case_frames_figure(
     frames: Mapping[str, npt.NDArray[Any]], axes: Sequence[Axis], *, title: str = ""
 ) -> Figure:
-    """Draw the frames (group -> image), cut to the pins, each under its value.
+    """Draw frames cut to the pins, each under its value.
 
     The easy case comes first. Families without a frame are left out.
+
+    Args:
+        frames: Group -> image.
+        axes: Axes of the families.
+        title: Title of the picture.
     """
     shown = [(axis, [(v, frames[g]) for v, g in _cases(axis) if g in frames]) for axis in axes]
     shown = [(axis, cells) for axis, cells in shown if cells]
@@ -173,8 +178,8 @@ def case_frames_figure(
 
 
 def _cases(axis: Axis) -> list[tuple[float, str]]:
-    own = list(zip(axis.values, axis.groups, strict=True))
-    return own if axis.easy is None else [(axis.easy, axis.reference), *own]
+    cases = list(zip(axis.values, axis.groups, strict=True))
+    return cases if axis.easy is None else [(axis.easy, axis.reference), *cases]
 
 
 def _cut(image: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -1,7 +1,8 @@
 """Size, colours and marks of all pictures, and how a figure becomes PNG or SVG.
 
-The colours are those of Okabe and Ito (2008), which colour-blind readers tell apart; yellow is left
-out, because it vanishes on white. A model keeps its colour and its mark in every picture and page.
+The colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart; yellow is
+left out, because it vanishes on white. A model keeps its colour and its mark in every picture and
+page.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ GREY = "#595959"
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
-"""Lines of the first row of a model in a picture, the second, and so on."""
+"""Line styles of the first row of a model in a picture, the second, and so on."""
 MODELS = ("unet", "superpose", "vgnn", "mixture", "cnn", "pins", "kernel")
-"""Models in the order of SERIES; any other takes a colour by its name."""
+"""Models in the order of SERIES; the colour of any other follows from its name."""
 TRIVIAL = {"nearest": (GREY, "<"), "mean": (GREY, ">")}
 CURVES = 6
-"""Curves in one panel: more could not be told apart."""
+"""Most curves in one panel: more could not be told apart."""
 HEAT = "cividis"
 """Perceptually uniform, and the same to readers with and without colour blindness."""
 DPI = 150
@@ -48,7 +49,13 @@ LONGEST_LABEL = 48
 
 @dataclass(frozen=True)
 class Look:
-    """Colour, marker and line of a row: colour is never the only difference."""
+    """Colour, marker and line of a row, so that colour is never the only difference.
+
+    Attributes:
+        color: Colour of marks and line.
+        marker: Marker, in matplotlib's terms.
+        line: Line style, in matplotlib's terms.
+    """
 
     color: str
     marker: str
@@ -88,7 +95,7 @@ def row_looks(models: Sequence[str]) -> list[Look]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, inches at 150 dpi, that belongs to no global state."""
+    """Return an empty figure, sizes in inches at 150 dpi, that belongs to no global state."""
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     engine = figure.get_layout_engine()
     if engine is not None:
@@ -98,7 +105,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def plain(axes: Axes) -> None:
-    """Leave two spines and a faint grid behind the data."""
+    """Show two spines only, and a faint grid behind the data."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -112,7 +119,7 @@ def log_ticks(axis: Any, subs: Sequence[float] = (1, 2, 5)) -> None:
 
 
 def headline(figure: Figure, title: str, *details: str) -> None:
-    """Put a title and, below it, the line that says what was measured on what."""
+    """Write a title and, below it, a line with the details of the measurement."""
     detail = "; ".join(filter(None, details))
     if title or detail:
         text = "\n".join(filter(None, (title, detail))).replace("$", r"\$")
@@ -120,7 +127,14 @@ def headline(figure: Figure, title: str, *details: str) -> None:
 
 
 def legend_below(figure: Figure, columns: int, handles: Any = None, labels: Any = None) -> None:
-    """Put a legend below all panels. handles, labels: None for those of the panels."""
+    """Draw a legend below all panels.
+
+    Args:
+        figure: The figure.
+        columns: Number of columns of the legend.
+        handles: Marks of the legend; None: those of the panels.
+        labels: Labels of the legend; None: those of the panels.
+    """
     given = {"handles": handles, "labels": labels}
     given = {name: value for name, value in given.items() if value is not None}
     figure.legend(**given, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
@@ -132,7 +146,7 @@ def legend_mark(label: str, **look: Any) -> Line2D:
 
 
 def short_label(text: str, longest: int = LONGEST_LABEL) -> str:
-    """Return a name as it may stand in a picture: on one line, not too long, no formula."""
+    """Return a name as a picture shows it: on one line, cut off if too long, no formula."""
     line = " ".join(text.split())
     line = line if len(line) <= longest else f"{line[: longest - 1]}…"
     return line.replace("$", r"\$")
@@ -145,7 +159,7 @@ def save_png(figure: Figure, path: Path) -> None:
 
 
 def image_bytes(figure: Figure, kind: Literal["png", "svg"], dpi: int = DPI) -> bytes:
-    """Return the file of a figure. The same figure gives the same bytes."""
+    """Return the bytes of a figure's file. The same figure gives the same bytes."""
     stream = io.BytesIO()
     metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "tactibench"}):
@@ -156,7 +170,7 @@ def image_bytes(figure: Figure, kind: Literal["png", "svg"], dpi: int = DPI) -> 
 def error_bars(
     values: Sequence[float], lows: Sequence[float | None], highs: Sequence[float | None]
 ) -> list[list[float]]:
-    """Return bars down and up for matplotlib; an end that is not known has none."""
+    """Return bars down and up for matplotlib; an end that is not known has no bar."""
     down = [v - (v if low is None else low) for v, low in zip(values, lows, strict=True)]
     up = [(v if high is None else high) - v for v, high in zip(values, highs, strict=True)]
     return [down, up]

@@ -1,4 +1,4 @@
-"""Several models on one press of three tips: who sees three, where and how deep."""
+"""Several models on one press of three tips: number, places and depths of their contacts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,14 @@ LETTERS = 30
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Contacts of one model. heatmap: (H, W) in 0..1; None for a model without heatmaps."""
+    """The contacts of one model.
+
+    Attributes:
+        label: Label of the row.
+        model: Name of the model.
+        contacts: Predicted contacts.
+        heatmap: (H, W) in 0..1; None for a model without heatmaps.
+    """
 
     label: str
     model: str
@@ -47,7 +54,15 @@ def triple_figure(
 ) -> Figure:
     """Draw a panel for every model, and a last one with all models and the truth.
 
-    Truth is a ring of the tip's radius; numbers are depths, mm.
+    True contacts are rings of the tip's radius; numbers are depths, mm.
+
+    Args:
+        grid: Grid of the heatmaps.
+        truth: The true contacts.
+        predictions: Contacts of every model.
+        max_depth: Depth that a heatmap value of 1 stands for, mm.
+        title: Title of the picture.
+        measured_on: Printed as subtitle.
     """
     count = len(predictions) + 1
     figure = new_figure(3.0 * count + 0.7, 4.5)
@@ -58,22 +73,22 @@ def triple_figure(
     together.set_title("all models and the truth", fontsize=9)
     millimetres(together, grid)
     shown = None
-    for axes, one, look in zip(panels, predictions, looks, strict=False):
-        shown = show_field(axes, grid, one.heatmap, truth, max_depth) or shown
-        ink, contour = field_inks(one.heatmap)
+    for axes, predicted, look in zip(panels, predictions, looks, strict=False):
+        shown = show_field(axes, grid, predicted.heatmap, truth, max_depth) or shown
+        ink, contour = field_inks(predicted.heatmap)
         for place in (axes, together):
-            marks(place, one.contacts, look.color, look.marker, contour="white")
-        depths(axes, one.contacts, ink, contour=contour)
-        counts = f"{len(one.contacts)} predicted, {len(truth)} true"
-        axes.set_title(f"{fill(short_label(one.label), LETTERS)}\n{counts}", fontsize=9)
+            marks(place, predicted.contacts, look.color, look.marker, contour="white")
+        depths(axes, predicted.contacts, ink, contour=contour)
+        counts = f"{len(predicted.contacts)} predicted, {len(truth)} true"
+        axes.set_title(f"{fill(short_label(predicted.label), LETTERS)}\n{counts}", fontsize=9)
     for axes in panels:
         axes.label_outer()
     if shown is not None:
         figure.colorbar(shown, ax=panels, label="heatmap, mm", shrink=0.8)
     ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "color": BLACK}
     handles = [legend_mark("truth", **ring)]
-    for one, look in zip(predictions, looks, strict=True):
-        handles.append(legend_mark(short_label(one.label), markersize=8, **look.points))
+    for predicted, look in zip(predictions, looks, strict=True):
+        handles.append(legend_mark(short_label(predicted.label), markersize=8, **look.points))
     legend_below(figure, min(3, count), handles)
     headline(figure, title, measured_on, "numbers are depths in mm")
     return figure

@@ -1,1 +1,1 @@
-"""Writers of tables: one format a module, each a function from a table to text."""
+"""Writers of tables: one module for each format, with a function from a table to text."""

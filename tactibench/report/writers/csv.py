@@ -1,4 +1,4 @@
-"""Tables as comma-separated values, for other programs: values alone, in full precision."""
+"""Tables as comma-separated values, for other programs: only values, in full precision."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ def _value(cell: Cell) -> float | str | None:
     if isinstance(cell, Number):
         return cell.value
     text = cell.text if isinstance(cell, Text) else cell
-    # A spreadsheet would take such a text for a formula.
+    # A spreadsheet would read such a text as a formula.
     return f"'{text}" if text and text[0] in "=+-@" else text

@@ -1,4 +1,4 @@
-"""Tables and pages as HTML; all text is escaped, so that no name or note can bring markup.
+"""Tables and pages as HTML; all text is escaped, so that no name or note can add markup.
 
 Number cells carry their value for sorting (``data-v``): nothing is read back from the text.
 """
@@ -32,7 +32,7 @@ def html(blocks: Iterable[Block]) -> str:
 
 
 def table_html(table: Table) -> str:
-    """Return a table that a page can sort, with its note below, without its title."""
+    """Return a table that a page can sort, with its note below and without its title."""
     heads = "".join(_head(column) for column in table.columns)
     names = table.anchors or ("",) * len(table.rows)
     rows = "\n".join(
@@ -50,7 +50,7 @@ def table_html(table: Table) -> str:
 
 
 def prose_html(text: str) -> str:
-    """Return words of this program: `backticks` become code, an escaped star a star."""
+    """Return words of this program as HTML: `backticks` become code, an escaped star a star."""
     return _ESCAPED_SIGN.sub(r"\1", _CODE.sub(r"<code>\1</code>", escape(text, quote=False)))
 
 

@@ -21,12 +21,17 @@ _STYLES = {"italic": "textit", "code": "texttt"}
 
 
 def escape(text: str) -> str:
-    """Return text that LaTeX prints as it is, on one line."""
+    """Return text that LaTeX prints unchanged, on one line."""
     return _ANY.sub(lambda match: _SPECIAL[match[0]], " ".join(text.split()))
 
 
 def latex_text(table: Table, comments: Iterable[str] = ()) -> str:
-    """Return a ``table`` environment; its note joins the caption, comments follow it."""
+    """Return a ``table`` environment; the note of the table is part of the caption.
+
+    Args:
+        table: The table.
+        comments: Lines of comments that follow the table.
+    """
     sides = "".join("r" if column.right else "l" for column in table.columns)
     caption = escape(table.title) + (f"; {table.note}" if table.note else "")
     lines = [

@@ -1,4 +1,4 @@
-"""Tables and pages in GitHub's Markdown, into which no name or note can bring markup."""
+"""Tables and pages in GitHub's Markdown, into which no name or note can add markup."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _MARKUP = re.compile(r"([\\`*_{}\[\]#|~])")
 
 
 FOLD = '<details markdown="1">'
-"""The attribute has the site's Markdown read what is inside; GitHub reads it anyway."""
+"""The attribute makes the site's Markdown read the text inside; GitHub reads it anyway."""
 
 
 def escape(text: str) -> str:
-    """Return text that is shown as it is: one line, every character of markup escaped."""
-    # Not every Markdown takes a backslash before < and &; all take the names of HTML.
+    """Return text that is shown unchanged: on one line, with every character of markup escaped."""
+    # Not every Markdown accepts a backslash before < and &; all accept the names of HTML.
     return _MARKUP.sub(r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
 def code(text: str) -> str:
-    """Return text in a fixed pitch, backticks left out, for table cells too."""
+    """Return text in a fixed-width font, without backticks; it can stand in a table, too."""
     return f"`{' '.join(text.split()).replace('`', '').replace('|', '/')}`"
 
 
@@ -45,7 +45,7 @@ def table_lines(table: Table) -> list[str]:
 
 
 def markdown(blocks: Iterable[Block]) -> str:
-    """Return the blocks of a page as Markdown, an empty line between them."""
+    """Return the blocks of a page as Markdown, with an empty line between them."""
     return "\n\n".join(text for block in blocks if (text := _block(block)))
 
 

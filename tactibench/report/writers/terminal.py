@@ -1,4 +1,4 @@
-"""Tables for a terminal, in which no number is ever cut."""
+"""Tables for a terminal, in which no number is ever cut off."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactibench.errors import printable
 from tactibench.report.table import MISSING, Cell, Column, Number, Table, Text
 
 NARROWEST = 80
-"""Columns that tables are made for; a narrower terminal breaks their lines."""
+"""Width, in characters, that tables are made for; a narrower terminal breaks their lines."""
 
 
 def print_table(console: Console, table: Table) -> None:
@@ -72,7 +72,7 @@ def _plain(cell: Cell) -> str:
 def _fitting(
     heads: Sequence[Column], columns: Sequence[Sequence[str]], width: int
 ) -> tuple[list[int], int]:
-    """Return the columns that are shown, and the gap between them."""
+    """Return the columns that are shown, and the width of the gap between them."""
     widths = [
         max(map(cell_len, [head.head, *cells])) for head, cells in zip(heads, columns, strict=True)
     ]
