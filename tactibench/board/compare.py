@@ -121,7 +121,7 @@ def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[
 
 
 def refuse_unlike(runs: Sequence[StoredRun]) -> None:
-    """Raise UserError unless all runs answered the same frames, each of them once in the list."""
+    """Raise UserError unless all runs answered the same frames and each is named once."""
     first = runs[0].record
     for k, run in enumerate(runs):
         name, record = run.record.name, run.record
@@ -238,7 +238,7 @@ def names_of(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def left_out(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the metrics of the protocol that are no mean over presses."""
+    """Return the metrics of the protocol that are not means over presses."""
     spec = protocol_of(runs[0]).spec
     field = "plate_sample" if spec.answer == "plate" else "sample"
     metrics = [find_metric(name) for name in spec.metrics.names]

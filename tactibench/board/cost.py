@@ -51,7 +51,7 @@ def machine(record: Record) -> str:
 
 
 def settled(row: Row) -> bool:
-    """Return whether the times of a row, one frame a call on one thread, are settled."""
+    """Return whether the times of a row for single frames on one thread are settled."""
     return all(
         speed.settled
         for record in row.records

@@ -49,7 +49,7 @@ class FamilyErrors:
 
     @property
     def worst(self) -> PooledMetric | None:
-        """The largest ratio."""
+        """The largest ratio of all cases; None where no case has one."""
         ratios = [case.ratio for case in self.cases if case.ratio is not None]
         return max(ratios, key=lambda ratio: ratio.value, default=None)
 

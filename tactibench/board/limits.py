@@ -48,7 +48,7 @@ class LimitRequest:
 
     @property
     def presses(self) -> int:
-        """Number of presses."""
+        """Number of presses: every cell of the grid at every depth."""
         return len(self.depths) * self.grid.shape[0] * self.grid.shape[1]
 
     @property

@@ -38,7 +38,7 @@ class Trainings:
 
     @property
     def note(self) -> str:
-        """A sentence on what was compared, and what was not."""
+        """Sentences on what was compared, and what was not."""
         count = "1 training has" if self.names == 1 else f"{self.names} trainings have"
         text = f"{count} one set of weights each"
         if not self.older:

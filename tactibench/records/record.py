@@ -123,7 +123,14 @@ class SpeedRow(_Strict):
 
 
 class ProtocolId(_Strict):
-    """The protocol of a run and the hash of its file."""
+    """The protocol of a run.
+
+    Attributes:
+        id: Name of the protocol.
+        version: Its version.
+        hash: sha256 of its file.
+        title: What it asks, in words.
+    """
 
     id: str
     version: int
@@ -297,7 +304,28 @@ class Identity(_Open):
     """Hashes of all results of a run, beside everything that they were made from.
 
     Attributes:
-        stored: Hash of every array file, by name.
+        protocol: Name, version and hash of the protocol.
+        weights: Hash of everything that determines the weights.
+        encoder: The encoder and its parameters.
+        sensor: The sensor, its parameters and its description of itself, or a hash of these.
+        tested: The same of the sensor that was tested, where it was another one.
+        test_frames: Hash of every set of test frames.
+        shots: Hash of the labelled frames of the tested sensor.
+        released: Hashes of the published predictions that the run is compared with.
+        seed: Seed of the training.
+        quick: Whether ``--quick`` was given.
+        limit: Number of test frames that were kept.
+        presses: Number of presses that the model was allowed to learn from.
+        code: Hash of the core's code.
+        plugins: Distribution, version and code hash of every plugin that took part, by name.
+        versions: Versions of libraries, by name.
+        machine: Fingerprint of the machine.
+        commit: Commit of the code, with ``+dirty`` where files were changed.
+        hidden: Commitment to the hidden seed of the test presses.
+        data: Hash of the pixels of every set of test frames.
+        weights_hash: sha256 of the trained weights.
+        predictions_hash: sha256 of the stored answers.
+        stored: sha256 of every array file, by name.
         checksum: Digest of the record without this key; None where an older record has none.
     """
 
@@ -327,7 +355,22 @@ class Identity(_Open):
 
 
 class Environment(_Open):
-    """The machine and the software of a run."""
+    """The machine and the software of a run.
+
+    Attributes:
+        cpu: Name of the processor.
+        cpu_flags: Its instructions that decide speed.
+        cores_physical: Number of cores.
+        cores_logical: Number of threads that run at once.
+        memory_gib: Memory, GiB.
+        gpu: Names of the graphics processors.
+        os: Operating system.
+        python: Version of Python.
+        torch: Version of torch.
+        fingerprint: Hash of the machine; speeds are compared inside one machine only.
+        threads: Number of threads that torch used.
+        versions: Versions of other packages.
+    """
 
     cpu: str | None = None
     cpu_flags: list[str] = []
@@ -344,7 +387,16 @@ class Environment(_Open):
 
 
 class Configuration(_Open):
-    """A way to compute, its latency on one thread, and how far its answers are from float32."""
+    """A way to compute answers.
+
+    Attributes:
+        configuration: The arithmetic, in words.
+        p50_ms: Median time of a frame on one thread, ms.
+        difference_mm: Median distance of its answers from the float32 ones, mm.
+        error_change: Relative change of the error against float32.
+        frames: Number of frames that were compared.
+        frames_with_another_count: Number of frames with another number of contacts than in float32.
+    """
 
     configuration: str | None = None
     p50_ms: float | None = None
@@ -370,7 +422,14 @@ class Timed(Configuration):
 
 
 class Efficiency(_Open):
-    """The size of a model and the work of one frame."""
+    """The size of a model and the work of one frame.
+
+    Attributes:
+        parameters: Number of trained weights.
+        flops_per_frame: Floating-point operations of one frame; a product and a sum count as two.
+        peak_memory_mb: Largest resident memory, MB.
+        training_s: Time of the training, s.
+    """
 
     parameters: int | None = None
     flops_per_frame: int | float | None = None
@@ -382,7 +441,13 @@ class Training(_Open):
     """A training.
 
     Attributes:
-        seconds: Time of the training in this run, or when the weights were made.
+        epochs: Number of epochs.
+        seconds: Time of the training in this run, or when the weights were made, s.
+        presses: Number of training presses.
+        device: "cpu" or "cuda".
+        reused: Whether weights of an earlier run were taken.
+        history: One entry an epoch.
+        notes: Notes of the model.
         prior: Prior knowledge of the model, see ``FitReport``.
     """
 
@@ -401,7 +466,12 @@ class AdaptedSensor(_Open):
 
     Attributes:
         rest_image: Whether the frames brought an image of the sensor at rest.
-        described: Description of its recording.
+        unlabelled_frames: Number of frames without labels that the model saw.
+        labelled_frames: Numbers of labelled frames that the model saw, one test each.
+        left_out_calibrated: Number of frames left out, because the training sensor was fitted to
+            them.
+        described: Description of the tested recording.
+        adapted: Settings that the model chose for each number of labelled frames.
     """
 
     rest_image: bool = False
@@ -427,7 +497,12 @@ class Cause(_Open):
 
 
 class Failures(_Open):
-    """Frames on which a model failed."""
+    """Frames on which a model failed.
+
+    Attributes:
+        frames: Number of frames without an answer.
+        causes: The first twenty causes.
+    """
 
     frames: int = 0
     causes: list[Cause] = []

@@ -73,6 +73,11 @@ def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> Store
 
     A run of the same name is replaced.
 
+    Args:
+        store: Folder of the run store.
+        record: Record of the run, with its metrics.
+        parts: Arrays, by the names of PARTS.
+
     Raises:
         UserError: The record breaks an invariant.
     """
@@ -118,7 +123,7 @@ def held_name(store: Path, name: str) -> AbstractContextManager[None]:
 
 
 def unscored_run(store: Path, name: str) -> StoredRun | None:
-    """Return the stored answers of a run that is not scored yet; None where there are none."""
+    """Return the stored answers of a run that is not scored yet; None without readable ones."""
     return _readable(_beside(store / name, ANSWERS))
 
 

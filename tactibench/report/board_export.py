@@ -79,7 +79,7 @@ def board_latex(board: Path) -> str:
 
 
 def first_tables(board: Path, protocol: LoadedProtocol) -> Iterator[tuple[Table, list[str]]]:
-    """Yield the first table of every section of one board, and the signatures of its runs."""
+    """Yield the first table of every section of one board, with the signatures of its runs."""
     name = protocol.name
     spec = board_spec(name)
     if not spec.blocks:

@@ -80,7 +80,7 @@ def metric_cell(metric: Metric | None, decimals: int) -> Number | None:
 
 
 def _is_perfect(metric: Metric | None, value: Number) -> bool:
-    """Return whether this is R2 of 1.0000 [1.0000, 1.0000]: the interval would say nothing."""
+    """Return whether this is R2 of 1.0000 [1.0000, 1.0000], whose interval tells nothing."""
     return metric is not None and metric.metric == "r2" and value.ends == (value.text, value.text)
 
 

@@ -31,7 +31,12 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True)
 class Names:
-    """All names that follow from a kind and a name."""
+    """All names that follow from the kind and the name of a plugin.
+
+    Attributes:
+        kind: Kind of the plugin, such as "sensor".
+        name: Name of the plugin.
+    """
 
     kind: str
     name: str

@@ -170,6 +170,10 @@ def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figu
     """Draw the penalised error, and the share seen as two with its fit and threshold.
 
     The fit is the mean of the seeds' fits; where a seed has none, the points are joined.
+
+    Args:
+        series: Rows in the order of the legend.
+        measured_on: Printed as subtitle.
     """
     figure = new_figure(8.0, 7.2)
     errors, shares = figure.subplots(2, 1, sharex=True)
@@ -265,7 +269,15 @@ def share_axis(axes: Axes) -> None:
 def finish(
     figure: Figure, panels: tuple[Axes, Axes], title: str, series: Sequence[Series], where: str
 ) -> None:
-    """Add grid, legend and headline."""
+    """Add grid, legend and headline.
+
+    Args:
+        figure: The figure.
+        panels: Panels of errors and of shares.
+        title: Title of the picture.
+        series: Rows that are drawn.
+        where: Subtitle: what the rows were measured on.
+    """
     for axes in panels:
         plain(axes)
     if series:

@@ -78,10 +78,10 @@ def off_nominal(
         nominal: Frontiers of the rows of ``here``.
 
     Returns:
-        At most one condition: the other sensor instances that the protocol presses; without rows of
-        these, the section of the same sensor with most of the configurations. A condition with a
-            single
-        point shows no order and is left out. Empty where ``here`` is not of the nominal sensor.
+        At most one condition: the other sensor instances that the protocol presses; without rows
+        of these, the section of the same sensor with most of the configurations. A condition with
+        a single point shows no order and is left out. Empty where ``here`` is not of the nominal
+        sensor.
     """
     spec = board_spec(protocol)
     if here.kind != NOMINAL_KIND or spec.ranking is None:

@@ -32,6 +32,11 @@ def limit_figure(maps: LimitMaps, *, title: str = TITLE, measured_on: str = "") 
 
     Bounds are standard deviations (sd), um, or mm where they reach 0.1 mm. Cells without a bound
     are hatched, cells that the sensor refuses are empty.
+
+    Args:
+        maps: Limits over the workspace.
+        title: Title of the picture.
+        measured_on: Printed as subtitle.
     """
     request = maps.request
     rows, columns = len(request.depths), len(request.quantities)

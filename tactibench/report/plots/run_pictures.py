@@ -101,7 +101,7 @@ class RunArrays:
         )
 
     def title(self, row: int) -> str:
-        """Return the label of the run and the press of a test frame."""
+        """Return the label of the run and the name of the press of a test frame."""
         return f"{label_of(self.record)}, press {self.truth['press'][row]}"
 
 

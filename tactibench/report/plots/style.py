@@ -68,7 +68,7 @@ class Look:
 
 
 def model_look(model: str) -> Look:
-    """Return the look of a model, the same everywhere."""
+    """Return the look of a model, which is the same in all pictures."""
     if model in TRIVIAL:
         return Look(*TRIVIAL[model])
     if model in MODELS:
@@ -112,7 +112,7 @@ def plain(axes: Axes) -> None:
 
 
 def log_ticks(axis: Any, subs: Sequence[float] = (1, 2, 5)) -> None:
-    """Number a logarithmic axis with values instead of powers."""
+    """Label a logarithmic axis with values, not powers, at the multiples ``subs`` of a decade."""
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
@@ -177,7 +177,7 @@ def error_bars(
 
 
 def spread(positions: list[float], least: float) -> list[float]:
-    """Move positions apart, in their order, until neighbours differ by at least ``least``.
+    """Return positions moved apart, in their order, until neighbours differ by at least ``least``.
 
     The middle of a group that had to be moved stays where it was.
     """

@@ -9,7 +9,7 @@ from tactibench.report.table import Cell, Number, Table, Text
 
 
 def csv_text(table: Table) -> str:
-    """Return the table as CSV with a line of heads."""
+    """Return the table as CSV; the first line holds the heads."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(column.head for column in table.columns)

@@ -49,7 +49,7 @@ def terminal_text(table: Table, width: int) -> Line:
 
 
 def _aligned(cells: Sequence[Cell]) -> list[str]:
-    """Return a column as text; the values of numbers end under each other."""
+    """Return a column as text; the values of numbers are aligned at their right ends."""
     numbers = [cell for cell in cells if isinstance(cell, Number)]
     width = max((len(number.text) for number in numbers), default=0)
     texts = []
