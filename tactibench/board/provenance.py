@@ -36,7 +36,8 @@ def refuse_components(
 ) -> None:
     """Raise UserError where model, encoder, sensors or plugins are not what ships under their name.
 
-    Models and encoders of others cannot be checked; those that ship are checked by their specs.
+    Models and encoders that ship are checked by their specs. Of those of others only the form is
+    checked; the rest is the submitter's word.
 
     Args:
         record: The record that is checked.
