@@ -122,7 +122,7 @@ def fitted_frames(record: Record) -> FittedFrames | None:
     if isinstance(fit, Mapping):
         labels = int(fit["presses"])
     elif seen.described.get("pivot_mm") not in (None, test.parameters.get("pivot_mm")):
-        labels = None  # a pivot that is not among the parameters was fitted
+        labels = None  # a pivot other than the given one was fitted
     return FittedFrames(seen.left_out_calibrated, labels)
 
 
@@ -284,9 +284,7 @@ def _deviation(values: Sequence[float]) -> float:
     Differences from the first value are summed, so that the result is 0 for equal values.
     """
     away = [value - values[0] for value in values]
-    squares = math.fsum(difference * difference for difference in away) - math.fsum(
-        away
-    ) ** 2 / len(away)
+    squares = math.fsum(gap * gap for gap in away) - math.fsum(away) ** 2 / len(away)
     return math.sqrt(max(0.0, squares) / (len(away) - 1))
 
 

@@ -123,9 +123,7 @@ def frontier_figure(
         title: Title of the picture.
         measured_on: Printed as subtitle.
     """
-    shown = [k for k, regime in enumerate(frontiers) if regime.points] or list(
-        range(len(frontiers))
-    )[:1]
+    shown = [k for k, one in enumerate(frontiers) if one.points] or list(range(len(frontiers)))[:1]
     conditions = [Condition(NOMINAL if off_nominal else "", tuple(frontiers)), *off_nominal]
     drawn = [
         (condition, condition.frontiers[k])
@@ -141,9 +139,7 @@ def frontier_figure(
     size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
     for axes, (condition, frontier) in zip(panels.flat, drawn, strict=False):
         if points:
-            alike = [
-                p for other, regime in drawn if other.axis == condition.axis for p in regime.points
-            ]
+            alike = [p for other, one in drawn if other.axis == condition.axis for p in one.points]
             _set_scales(axes, [p.latency for p in points], [p.error for p in alike])
         _show_line(axes, frontier.best)
         for point in frontier.points:
