@@ -1,1 +1,1 @@
-"""Protocols: what is asked. Versioned TOML files, validated, hashed, never edited in place."""
+"""Protocols, the questions of the benchmark: versioned, validated and hashed TOML files."""

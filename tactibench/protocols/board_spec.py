@@ -21,9 +21,9 @@ from tactibench.shipped import shipped_folder
 
 SUFFIX = ".board.toml"
 COMMON = f"common{SUFFIX}"
-"""Beside the protocols of tactibench: tables that several of them show."""
+"""File beside the protocols of tactibench, with tables that several of them show."""
 OVERVIEW = f"overview{SUFFIX}"
-"""Beside the protocols of tactibench: the table over several boards."""
+"""File beside the protocols of tactibench, with the table over several boards."""
 
 Text = Annotated[str, Field(min_length=1)]
 Decimals = Annotated[int, Field(ge=0, le=9)]
@@ -39,7 +39,12 @@ class _Frozen(BaseModel):
 class Ranking(_Frozen):
     """The error that orders a board: a metric of which less is better.
 
-    name: in sentences and on axes.
+    Attributes:
+        metric: Name of the metric.
+        group: Group of the metric.
+        name: Name of the error in sentences and on axes.
+        decimals: Decimals of its values.
+        unit: Unit of its values.
     """
 
     metric: Text
@@ -50,7 +55,16 @@ class Ranking(_Frozen):
 
 
 class Column(_Frozen):
-    """A metric in a table. interval: shown below the value. spread: over seeds, beside it."""
+    """A metric in a table.
+
+    Attributes:
+        metric: Name of the metric.
+        group: Group of the metric.
+        head: Head of the column.
+        decimals: Decimals of the values.
+        interval: Whether the interval stands below the value.
+        spread: Whether the standard deviation over training seeds stands beside the value.
+    """
 
     metric: Text
     group: Text = "all"
@@ -61,12 +75,17 @@ class Column(_Frozen):
 
 
 class Block(_Frozen):
-    """A table of a board. optional: left out where no row has its first column.
+    """A table of a board.
 
-    columns: one with ``groups`` in the file stands for one a group, ``{group}`` in its head.
-    below: metric -> a share that stands below its value in a column of one group. sorted: whether
-    the rows stand in the order of the first column, not in that of the board. apart: name of the
-    test that is scored apart whose error orders and ranks the rows.
+    Attributes:
+        title: Title of the table.
+        columns: The metrics in the table. A column with ``groups`` in the file stands for one
+            column per group; ``{group}`` in its head becomes the name of the group.
+        note: Explanation for the reader of the table.
+        optional: Whether the table is left out where no row has its first column.
+        sorted: Whether the rows stand in the order of the first column, not in that of the board.
+        apart: Name of the test, scored apart, whose error orders and ranks the rows; "": none.
+        below: Metric -> name of a share; the share of the column's group stands below the metric.
     """
 
     title: Text
@@ -80,8 +99,8 @@ class Block(_Frozen):
     @field_validator("columns", mode="before")
     @classmethod
     def _one_a_group(cls, columns: Any) -> Any:
-        if not isinstance(columns, list) or not all(isinstance(one, dict) for one in columns):
-            return columns  # said in a sentence by the check of the type
+        if not isinstance(columns, list) or not all(isinstance(entry, dict) for entry in columns):
+            return columns  # the check of the type says so in a sentence
         return [single for column in columns for single in _singles(column)]
 
 
@@ -97,9 +116,13 @@ def _singles(column: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 class RunTable(_Frozen):
-    """A main table of one run. metrics: name -> decimals. groups: its rows, () for all distances.
+    """A main table of one run.
 
-    compared: whether published rows and other runs follow below the run's own.
+    Attributes:
+        title: Title of the table.
+        metrics: Name of a metric -> decimals of its values.
+        groups: The groups that are its rows; (): all distances.
+        compared: Whether published rows and other runs follow below the run's own rows.
     """
 
     title: Text
@@ -120,8 +143,14 @@ class Headline(_Frozen):
 class BoardSpec(_Frozen):
     """A protocol's board: its ranking, its tables, and the tables of one run.
 
-    apart: the errors that rank tests that are scored apart from the main one, by their names.
-    note: how to read a run's tables. common: names of tables that other protocols show, too.
+    Attributes:
+        ranking: The error that orders the board; None: the protocol is not ranked.
+        apart: Name of a test that is scored apart -> the error that ranks it.
+        headline: The error of one run to show beside its speed.
+        note: How to read the tables of a run.
+        blocks: Tables of the board.
+        common: Names of tables that other protocols show, too.
+        run_tables: Main tables of one run.
     """
 
     ranking: Ranking | None = None
@@ -134,7 +163,17 @@ class BoardSpec(_Frozen):
 
 
 class OverviewColumn(_Frozen):
-    """A metric of the overview. published_frames: of a real recording, on the published frames."""
+    """A metric of the overview.
+
+    Attributes:
+        name: Name of the column.
+        protocol: Protocol whose rows give the values.
+        metric: Name of the metric.
+        group: Group of the metric.
+        published_frames: Whether the values are those of a real recording, on its published frames.
+        head: Head of the column.
+        decimals: Decimals of the values.
+    """
 
     name: Text
     protocol: Text
@@ -146,7 +185,14 @@ class OverviewColumn(_Frozen):
 
 
 class OverviewSpec(_Frozen):
-    """The table over several boards. protocol: whose rows are its lines. order: a column's name."""
+    """The table over several boards.
+
+    Attributes:
+        protocol: Protocol whose rows are the lines of the table.
+        order: Name of the column that orders the lines.
+        note: Explanation for the reader of the table.
+        columns: The metrics in the table.
+    """
 
     protocol: Text
     order: Text
@@ -160,13 +206,15 @@ class _Common(_Frozen):
 
 @cache
 def board_spec(protocol: str) -> BoardSpec:
-    """Return what the board of a protocol shows; nothing special where its file is not known.
+    """Return what the board of a protocol shows; an empty spec where it has no board file.
 
-    protocol: its id or label. An archived version may have a board file of its own; where it has
-    none, it is shown as the present one.
+    Args:
+        protocol: Id or label of the protocol. An archived version may have a board file of its own;
+            where it has none, it is shown as the present version.
 
     Raises:
-        UserError: its file is no board file.
+        UserError: The board file cannot be read, has a wrong or missing key, or names a common
+            table that does not exist.
     """
     path = archived_files().get(protocol)
     if path is None or not path.with_suffix(SUFFIX).is_file():
@@ -177,8 +225,11 @@ def board_spec(protocol: str) -> BoardSpec:
 def read_board_spec(protocol_file: Path) -> BoardSpec:
     """Read the board file beside a protocol file, with the common tables that it names.
 
+    Without such a file the spec is empty.
+
     Raises:
-        UserError: the file cannot be read, has a wrong or missing key, or names no common table.
+        UserError: The file cannot be read, has a wrong or missing key, or names a common table that
+            does not exist.
     """
     path = protocol_file.with_suffix(SUFFIX)
     if not path.is_file():

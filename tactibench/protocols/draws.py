@@ -22,14 +22,15 @@ LABELLED_STREAM = 2_000_000
 """Random stream of the labelled presses of a tested sensor; protocols draw from streams below a
 million."""
 RESTART = 0.02
-"""Chance that a place which is too near ends a set of scattered tips: fifty tries a set."""
+"""Probability that a place too near to another one ends a set of scattered tips: fifty such places
+are tried for a set on average."""
 PATIENCE = 10_000
-"""Candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""
+"""Most candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""
 
 
 @dataclass(frozen=True)
 class SceneSet:
-    """Accepted scenes in order, and how many candidates geometry refused."""
+    """Accepted scenes in order, and the number of candidates that did not fit the workspace."""
 
     scenes: tuple[Scene, ...]
     rejected: int
@@ -38,7 +39,8 @@ class SceneSet:
 def draw_scenes(protocol: Protocol, name: str) -> SceneSet:
     """Return all presses of one draw: the same for equal keys and data seed, on every machine.
 
-    Raises UserError when the workspace leaves (almost) no room for such a press.
+    Raises:
+        UserError: The workspace leaves (almost) no room for a press of the draw.
     """
     return _drawn(protocol.draw(name), protocol.workspace, protocol.data_seed)
 
@@ -57,7 +59,7 @@ def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> SceneSet:
 
 
 def _wanted_distances(draw: Draw) -> list[float | None]:
-    """Return of every press its distance, or None where the distance is drawn or there is none."""
+    """Return the tip distance of every press, mm; None where it is drawn or there is none."""
     if draw.per_distance is None:
         return [None] * (draw.count or 0)
     return [distance for distance in draw.distances_mm for _ in range(draw.per_distance)]
@@ -66,7 +68,11 @@ def _wanted_distances(draw: Draw) -> list[float | None]:
 def _accepted(
     draw: Draw, workspace: Workspace, rng: np.random.Generator, distance: float | None
 ) -> tuple[Scene, int]:
-    """The first candidate that fits, and how many did not."""
+    """Return the first candidate that fits, and how many before it did not.
+
+    Raises:
+        UserError: None of ``PATIENCE`` candidates fits the workspace.
+    """
     for refused in range(PATIENCE):
         scene = _candidate(draw, workspace, rng, distance)
         if fits(scene, workspace):
@@ -114,10 +120,13 @@ def _candidate(
 
 
 def _scattered(draw: Draw, workspace: Workspace, rng: np.random.Generator) -> Scene:
-    """Return tips anywhere in the workspace, ``apart_mm`` or more apart, each of its own depth.
+    """Return tips anywhere in the workspace, ``apart_mm`` or more apart, each with its own depth.
 
-    Places are drawn one after another, each again until it is far enough from those before it: of
-    whole sets of five tips, one in thousands would fit.
+    Places are drawn one after another, each again until it is far enough from those before it. If
+    whole sets were drawn, one in thousands with five tips would fit.
+
+    Raises:
+        UserError: ``PATIENCE`` places do not make a set of tips that far apart.
     """
     half = workspace.half_width_mm
     places: list[tuple[float, float]] = []
@@ -139,7 +148,7 @@ def _scattered(draw: Draw, workspace: Workspace, rng: np.random.Generator) -> Sc
 
 
 def draw_plates(spec: Protocol, plates: Plates) -> SceneSet:
-    """All training presses of a plate: the same for equal keys and data seed, on every machine."""
+    """Return all training presses of a plate: the same for equal keys and data seed everywhere."""
     seed = np.random.SeedSequence(spec.data_seed, spawn_key=(plates.stream,))
     rng = np.random.default_rng(seed)
     space = spec.workspace
@@ -157,7 +166,8 @@ def draw_plates(spec: Protocol, plates: Plates) -> SceneSet:
 def draw_shots(spec: Protocol, pool: int) -> tuple[int, ...]:
     """Return the numbers of the labelled frames among ``pool`` frames.
 
-    The first k are given for k labelled frames. Empty where the protocol transfers nothing.
+    A model that is given k labelled frames gets the first k. The result is empty where the protocol
+    tests no other sensor than the trained one.
     """
     if spec.transfer is None:
         return ()
@@ -167,11 +177,13 @@ def draw_shots(spec: Protocol, pool: int) -> tuple[int, ...]:
 
 
 def draw_labelled(spec: Protocol, count: int) -> SceneSet:
-    """Return single presses that a model is shown of the sensor that tests it.
+    """Return ``count`` single presses of the tested sensor that a model is shown with labels.
 
-    They lie in the ranges of the presses that the split divides, and are none of these: they come
-    from a stream of their own. The first k of them are those of k presses. Raises UserError where
-    the split divides no single presses.
+    They lie in the ranges of the presses that the split divides, but come from a random stream of
+    their own. The first k presses are the same for every ``count``.
+
+    Raises:
+        UserError: The split divides presses that are not single.
     """
     assert spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
     singles = spec.draw(spec.split.draw)
@@ -210,11 +222,13 @@ class SensorShape(StructuralType):
 
 
 def pressable(spec: Protocol, sensor: SensorShape) -> Protocol:
-    """Protocol whose presses are drawn: on the sensor's surface, as deep as it can be pressed.
+    """Return the protocol on the sensor's own surface, as deep as the sensor can be pressed.
 
-    A sensor with a range of its own is pressed there; the heatmap grid grows with it. A sensor that
-    does not say leaves the protocol as it is. Raises UserError for one that cannot be pressed as
-    deep as the protocol's shallowest tip.
+    A sensor with a range of its own is pressed there, and the heatmap grid grows with it. A sensor
+    that states neither range nor shape leaves the protocol as it is.
+
+    Raises:
+        UserError: The sensor cannot be pressed deeper than the protocol's shallowest tip.
     """
     if sensor.workspace is not None:
         return in_range(spec, sensor.workspace)

@@ -1,4 +1,4 @@
-"""Families of hard cases: one number, graded from easy to hard, and what it is done to."""
+"""Families of hard cases: a press, a fault or a sensor parameter, graded by one number."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ NEEDS: dict[str, frozenset[str]] = {
     "beside": frozenset({"radius_mm", "depth_mm", "apart_mm"}),
     "ring": frozenset({"radius_mm", "depth_mm", "ring_mm"}),
 }
-"""Lengths that stay the same in all cases of a family, by what it presses."""
+"""Kind of press -> keys of the lengths that stay the same in all cases of a family."""
 
 
 UNTOUCHED = "untouched"
-"""Begins the groups of frames in which nothing presses, each under a fault: "untouched:dim"."""
+"""Begins the names of groups of frames in which nothing presses, under a fault: "untouched:dim"."""
 
 
 def subgroup(whole: str, name: str) -> str:
@@ -98,9 +98,15 @@ class Strict(BaseModel):
 class Axis:
     """A family of cases, from easy to hard.
 
-    values: graded, the easiest first. harder: "rising", "falling", or "unordered". easy: value of
-    the reference, None where there is none. reference: its group, "" for none; it may belong to
-    another family whose frames this one changes.
+    Attributes:
+        family: Name of the family.
+        title: The family in words, with what the values are.
+        unit: Unit of the values.
+        harder: Direction in which values become harder: "rising", "falling", or "unordered".
+        easy: Value of the reference case; None where there is none.
+        values: Values of the graded cases, the easiest first.
+        reference: Group of the reference case, "" for none. It may belong to another family whose
+            frames this one changes.
     """
 
     family: str
@@ -125,9 +131,12 @@ class Axis:
 class Cases(Strict):
     """The settings that all families share.
 
-    presses: of every case. base: family whose frames the faults are done to, and whose one case is
-    the easy one of every family of faults and of sensors. empty: family in which nothing presses.
-    untouched: families whose faults are done to its frames, too, one to a frame.
+    Attributes:
+        presses: Number of presses of every case.
+        base: Family whose frames the faults are done to. Its only case is the easy case of every
+            family of faults and of sensor parameters.
+        empty: Family in which nothing presses.
+        untouched: Families whose faults are done to the frames of ``empty``, too, one to a frame.
     """
 
     presses: Presses
@@ -139,12 +148,24 @@ class Cases(Strict):
 class Family(Strict):
     """One way in which a press becomes hard. Exactly one of press, fault, parameter is given.
 
-    title: in words, with what the values are. unit: of the values. harder: which way along the
-    values; "unordered": they have no order. easy: value of the reference case, None for a family
-    without one. parameter: of the sensor, which presses the scenes of the base family with each
-    value. sensor: parameters of the sensor in all cases. depth_mm: range of the deepest tip's
-    depth. apart_mm: distance of two tips. ring_mm: radius of the circle of several tips.
-    presses: of every case, None: as everywhere.
+    Attributes:
+        name: Name of the family; groups of its cases are named ``name:value``.
+        title: The family in words, with what the values are.
+        unit: Unit of the values.
+        harder: Direction in which values become harder; "unordered": they have no order.
+        easy: Value of the reference case; None for a family without one.
+        values: A case each, from easy to hard.
+        stream: Random stream of the data seed.
+        press: The change that a value makes of the scene.
+        fault: The change that a value makes to a frame of the base family.
+        parameter: Parameter of the sensor, which presses the scenes of the base family with each
+            value.
+        sensor: Parameters of the sensor in all cases.
+        presses: Number of presses of every case; None: that of `Cases`.
+        radius_mm: Radius of the tips.
+        depth_mm: Range of the deepest tip's depth.
+        apart_mm: Distance of two tips.
+        ring_mm: Radius of the circle on which several tips stand.
     """
 
     name: Name
@@ -173,8 +194,8 @@ class Family(Strict):
         for key in ("radius_mm", "depth_mm", "apart_mm", "ring_mm"):
             if (getattr(self, key) is not None) != (key in needed):
                 verb = "needs" if key in needed else "takes no"
-                what = self.press or self.fault or "parameter"
-                raise ValueError(f"family {self.name!r} of {what!r} {verb} {key}")
+                change = self.press or self.fault or "parameter"
+                raise ValueError(f"family {self.name!r} of {change!r} {verb} {key}")
         if not self.press and (self.sensor or self.presses):
             raise ValueError(
                 f"family {self.name!r} takes the presses of the base family: leave sensor and "
@@ -206,11 +227,15 @@ class Family(Strict):
     @property
     def pressed_values(self) -> tuple[float, ...]:
         """Values of all cases that have frames of their own, the easy one first."""
-        own = self.press is not None and self.easy is not None
-        return (self.easy, *self.values) if own and self.easy is not None else self.values
+        presses_easy = self.press is not None and self.easy is not None
+        return (self.easy, *self.values) if presses_easy and self.easy is not None else self.values
 
     def axis(self, base: Family) -> Axis:
-        """Return the place of its cases among the groups of a record."""
+        """Return the axis of the family, whose groups are those of a record.
+
+        Args:
+            base: The family whose frames faults are done to.
+        """
         reference = ""
         if self.easy is not None:
             reference = (

@@ -1,9 +1,9 @@
-"""A secret seed of test presses, of which only a hash is published, beforehand.
+"""A secret seed of test presses; only its hash is published, before the first run.
 
-Whoever holds the seed draws test presses that nobody could train on or tune to; whoever does not
-can check later, when the seed is told, that it was not chosen after the answers were seen. The seed
-comes from the environment and is never written: records and identities hold its hash, and what is
-drawn from it is keyed by a hash.
+Whoever holds the seed draws test presses that nobody could train on or tune to. Everybody else can
+check later, when the seed is revealed, that it was not chosen after the answers were seen. The seed
+comes from the environment and is never written: records and identities hold its hash, and the
+frames that are drawn from it are keyed by a hash.
 """
 
 from __future__ import annotations
@@ -23,19 +23,23 @@ if TYPE_CHECKING:
 
 VARIABLE = "TACTIBENCH_HIDDEN_SEED"
 SHORTEST = 32
-"""Characters of a seed: 128 bits as hexadecimal digits, which nobody finds by trying."""
+"""Least characters of a seed: 128 bits as hexadecimal digits, which nobody finds by trying."""
 
 
 @dataclass(frozen=True)
 class HiddenSeed:
-    """The seed of one version of one protocol. question: its id, version and hash."""
+    """The seed of one version of one protocol.
+
+    Attributes:
+        question: Label and hash of the protocol.
+    """
 
     question: str
     _secret: bytes = field(repr=False)
 
     @property
     def commitment(self) -> str:
-        """sha256 that is published before the first run: tells nothing of the presses."""
+        """sha256 that is published before the first run; it tells nothing about the presses."""
         return self._derived("commitment").hex()
 
     @property
@@ -49,7 +53,11 @@ class HiddenSeed:
 
 
 def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
-    """Seed in the environment. Raises UserError where there is none, or one too short."""
+    """Return the hidden seed in the environment.
+
+    Raises:
+        UserError: The environment holds no seed, or one that is too short.
+    """
     secret = os.environ.get(VARIABLE, "").strip()
     if not secret:
         raise UserError(
@@ -65,9 +73,15 @@ def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
 
 
 def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> HiddenSeed:
-    """Seed in the environment, if it is the one whose hash was published. Raises UserError.
+    """Return the hidden seed in the environment, if its hash is the published one.
 
-    folder: of the published hashes; None: those that ship with tactibench.
+    Args:
+        protocol: The protocol that the seed belongs to.
+        folder: Folder of the published hashes; None: those that ship with tactibench.
+
+    Raises:
+        UserError: The environment holds no seed or one that is too short, no hash was published or
+            its file is damaged, or the seed has another hash.
     """
     seed = given_seed(protocol)
     path = commitment_file(protocol.spec.id, folder)
@@ -86,7 +100,11 @@ def commitment_file(protocol: str, folder: Path | None = None) -> Path:
 
 
 def read_commitment(path: Path) -> str:
-    """Return the published hash. Raises UserError where there is none."""
+    """Return the published hash.
+
+    Raises:
+        UserError: The file does not exist, is not TOML, or has no text with the key ``sha256``.
+    """
     try:
         committed = tomllib.loads(path.read_text(encoding="utf-8")).get("sha256")
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Finding, reading and hashing protocol files."""
+"""Search, reading and hashing of protocol files."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 VARIABLE = "TACTIBENCH_PROTOCOLS"
-"""A folder of protocols of one's own, each in a file called after its id."""
+"""Environment variable: a folder of the user's own protocols, each in a file named by its id."""
 ARCHIVE = "archive"
-"""Folder, beside the present protocols, of earlier versions, each in a file called after its label:
+"""Folder, beside the present protocols, of earlier versions, each in a file named by its label:
 ``archive/exp1@1.toml``, with its list of test frames where it has one."""
 
 
@@ -28,8 +28,11 @@ ARCHIVE = "archive"
 class LoadedProtocol:
     """A validated protocol with its file and content hash.
 
-    test_frames: names in the file of test frames that ships beside the protocol.
-    hash: sha256 of the file with line feeds at every line's end, and of test_frames.
+    Attributes:
+        spec: The validated protocol.
+        path: Its file.
+        test_frames: Names in the file of test frames beside the protocol; () where it has none.
+        hash: sha256 of the file, with line feeds at the end of every line, and of ``test_frames``.
     """
 
     spec: Protocol
@@ -44,7 +47,7 @@ class LoadedProtocol:
 
     @property
     def archived(self) -> bool:
-        """True for an earlier version that is kept, so that its results can be read and checked."""
+        """True for an earlier version, kept so that its results can be read and checked."""
         return self.path.stem == self.label and self.path.parent.name == ARCHIVE
 
     @property
@@ -61,10 +64,10 @@ def shipped_files() -> dict[str, Path]:
 def protocol_files() -> dict[str, Path]:
     """Return name -> file of every protocol that ships, and of those in TACTIBENCH_PROTOCOLS.
 
-    What ships is found first: a file of one's own cannot take its place.
+    A file of the user's own cannot take the place of a protocol that ships.
     """
-    own = os.environ.get(VARIABLE, "")
-    return (_files_in(Path(own)) if own else {}) | shipped_files()
+    folder = os.environ.get(VARIABLE, "")
+    return (_files_in(Path(folder)) if folder else {}) | shipped_files()
 
 
 def _files_in(folder: Path) -> dict[str, Path]:
@@ -81,7 +84,11 @@ def archived_files() -> dict[str, Path]:
 def protocol_versions(name: str) -> tuple[LoadedProtocol, ...]:
     """Return the present version of a shipped protocol, then the earlier ones, the newest first.
 
-    name: its id. Empty for one that does not ship. Raises UserError as ``read_protocol``.
+    Args:
+        name: Id of the protocol. The result is empty where no protocol has it.
+
+    Raises:
+        UserError: A file cannot be read or validated, see ``read_protocol``.
     """
     present = protocol_files().get(name)
     if present is None:
@@ -92,20 +99,20 @@ def protocol_versions(name: str) -> tuple[LoadedProtocol, ...]:
 
 
 def version_of(name: str, content_hash: str) -> LoadedProtocol | None:
-    """Return the version of a shipped protocol with that hash; None where it is not kept."""
+    """Return the version of a shipped protocol with this hash; None where there is none."""
     return next(
         (version for version in protocol_versions(name) if version.hash == content_hash), None
     )
 
 
 def name_of(name: str, content_hash: str) -> str:
-    """Return the name that loads that very version of a protocol; its id where it is not kept."""
+    """Return the name that loads the version with this hash; the id where there is none."""
     version = version_of(name, content_hash)
     return name if version is None else version.name
 
 
 def protocol_titles() -> dict[str, tuple[int, str]]:
-    """Return name -> version and title, read without validating (for listings)."""
+    """Return name -> version and title of every protocol, not validated (for listings)."""
     titles = {}
     for name, path in protocol_files().items():
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -116,8 +123,12 @@ def protocol_titles() -> dict[str, tuple[int, str]]:
 def load_protocol(name: str) -> LoadedProtocol:
     """Load a shipped protocol by name, or any protocol by the path of its ``.toml`` file.
 
-    A name is an id ("exp1", the present version) or a label ("exp1@1"). Raises UserError for an
-    unknown name, an unreadable file, or a wrong or missing key.
+    A name is an id ("exp1", the present version) or a label ("exp1@1").
+
+    Raises:
+        UserError: The name is unknown, the file cannot be read, a key is wrong or missing, or a
+            file of the user's own takes the id of a shipped protocol or has another name than its
+            id.
     """
     files, shipped = protocol_files(), shipped_files()
     if name in shipped:
@@ -136,18 +147,25 @@ def load_protocol(name: str) -> LoadedProtocol:
 
 
 def unknown_protocol(name: str, known: Iterable[str]) -> UserError:
-    """Return the error of a name that no protocol has: the close one, or where others come from."""
+    """Return the error for an unknown name: with a close name, or where to put own protocols.
+
+    Args:
+        name: The unknown name.
+        known: The names that exist.
+    """
     hint = did_you_mean(name, known)
-    own = "" if hint.endswith("?") else f" {VARIABLE} names a folder with protocols of your own."
-    return UserError(f"unknown protocol {name!r}; {hint}{own}")
+    more = "" if hint.endswith("?") else f" {VARIABLE} names a folder with protocols of your own."
+    return UserError(f"unknown protocol {name!r}; {hint}{more}")
 
 
 def _read_own(path: Path) -> LoadedProtocol:
-    """Read a protocol that may be anybody's: its id says which one it is.
+    """Read a protocol file that need not be one that ships.
 
     Raises:
-        UserError: As ``read_protocol``; or it has the id of a shipped protocol, but is none of its
-            versions, so that its results would be taken for those of the other.
+        UserError: The file cannot be read or validated, see ``read_protocol``. Or it has the id of
+            a shipped protocol, but is none of its versions, so that its results would be taken for
+            those of the shipped one. Or it lies in the folder of the user's protocols and has
+            another name than its id.
     """
     loaded = read_protocol(path)
     name = loaded.spec.id
@@ -164,7 +182,12 @@ def _read_own(path: Path) -> LoadedProtocol:
 
 
 def read_protocol(path: Path) -> LoadedProtocol:
-    """Read and validate one file. Raises UserError."""
+    """Read and validate one protocol file.
+
+    Raises:
+        UserError: The file or its list of test frames cannot be read, the file is not TOML, or a
+            key is wrong or missing.
+    """
     from pydantic import ValidationError
 
     from tactibench.protocols.schema import Protocol

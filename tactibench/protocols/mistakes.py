@@ -12,17 +12,17 @@ from pydantic import BaseModel, ValidationError
 from tactibench.errors import did_you_mean
 
 LONGEST = 40
-"""Characters of a found value that are shown."""
+"""Most characters of a wrong value that are shown."""
 
 _UNKNOWN = {"extra_forbidden", "unexpected_keyword_argument"}
-"""Types of mistake for a key that is not in the schema: of a model and of a dataclass."""
+"""pydantic's types of mistake for a key that is not in the schema: of a model, of a dataclass."""
 
 
 def first_mistake(error: ValidationError, schema: type[Any]) -> str:
-    """Return the first mistake with its key, what was found and what is allowed.
+    """Return the first mistake in a sentence: its key, the wrong value and what is allowed.
 
     Args:
-        error: What the validation raised.
+        error: The exception that the validation raised.
         schema: The pydantic model or the dataclass that the file was validated by.
     """
     mistakes: Sequence[Any] = error.errors(include_url=False)
@@ -33,8 +33,8 @@ def first_mistake(error: ValidationError, schema: type[Any]) -> str:
     more = f" (and {others} more mistake{'s' if others > 1 else ''})" if others else ""
     where = _key(mistake["loc"])
     if mistake["type"] in _UNKNOWN:
-        known = sibling_keys(schema, mistake["loc"][:-1])
-        return f"unknown key {where!r}{more}; {did_you_mean(str(mistake['loc'][-1]), known)}"
+        allowed = sibling_keys(schema, mistake["loc"][:-1])
+        return f"unknown key {where!r}{more}; {did_you_mean(str(mistake['loc'][-1]), allowed)}"
     if mistake["type"] in {"missing", "missing_argument"}:
         return f"the key {where!r} is missing{more}; add it."
     text = str(mistake["msg"]).removeprefix("Value error, ").rstrip(".")
@@ -47,7 +47,7 @@ def first_mistake(error: ValidationError, schema: type[Any]) -> str:
 
 
 def _key(where: Sequence[int | str]) -> str:
-    """``draws.2.count``, counted from 1 as a reader counts."""
+    """Return the key as ``draws.2.count``, counted from 1 as a reader counts."""
     return ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in where)
 
 
@@ -60,7 +60,12 @@ def _found(value: Any) -> str:
 
 
 def sibling_keys(schema: type[Any], where: Sequence[int | str]) -> list[str]:
-    """Return the names of the keys that are allowed at a place of the schema."""
+    """Return the names of the keys that are allowed at a place of the schema.
+
+    Args:
+        schema: The pydantic model or the dataclass.
+        where: Keys and list indices that lead to the place.
+    """
     model: type[Any] | None = schema
     for part in where:
         if isinstance(part, int) or model is None:

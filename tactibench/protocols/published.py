@@ -1,7 +1,7 @@
-"""Published numbers: what a paper prints, and what its tables say about themselves.
+"""Published numbers: the tables of a paper, and notes on their consistency.
 
-One TOML file a paper under ``leaderboards/published``. Metric and group names are those of a run's
-record, so that a published row stands beside a measured one.
+There is one TOML file per paper under ``leaderboards/published``. Names of metrics and groups are
+those of a run's record, so that a published row stands beside a measured one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,13 @@ class _Frozen(BaseModel):
 
 
 class PublishedSpeed(_Frozen):
-    """A published rate: which phase, items per second, on what."""
+    """A published rate.
+
+    Attributes:
+        phase: The phase that was timed.
+        per_s: Items per second.
+        hardware: The machine.
+    """
 
     phase: Text
     per_s: Annotated[FiniteFloat, Field(gt=0)]
@@ -32,10 +38,15 @@ class PublishedSpeed(_Frozen):
 
 
 class ReleasedAnswers(_Frozen):
-    """Answers released to every test frame, in a CSV file that ships beside the data.
+    """Answers to every test frame that a paper released, in a CSV file beside its data.
 
-    Its rows stand in the order of the protocol's test frames. sha256: of the file. depth, tilt:
-    columns of the answer and of the label that it was meant for.
+    The rows of the file stand in the order of the protocol's test frames.
+
+    Attributes:
+        file: Name of the file.
+        sha256: sha256 of the file.
+        depth: Columns of the depth that was answered and of the label that it was meant for.
+        tilt: Columns of the tilt that was answered and of the label that it was meant for.
     """
 
     file: Annotated[str, Field(pattern=r"^[\w-][\w.-]*$")]
@@ -47,9 +58,19 @@ class ReleasedAnswers(_Frozen):
 class PublishedRow(_Frozen):
     """One row of a published table.
 
-    metrics: name -> group -> value. decimals: of the values as printed. comparable: whether it may
-    be read against a row measured here; note says why or why not. released: where its answers to
-    the single frames are, for a comparison frame for frame.
+    Attributes:
+        protocol: Id of the protocol that the row belongs to.
+        model: Name of the model.
+        regime: Training regime; None where the paper has none.
+        source: Place of the row in the paper.
+        n: Number of ``unit`` behind the values; None where the paper does not say.
+        unit: The things that ``n`` counts.
+        decimals: Decimals of the values as printed.
+        comparable: Whether the row may be compared with one that was measured with tactibench.
+        note: Why it may be compared, or why not.
+        metrics: Name of a metric -> group -> value.
+        speed: Published rate of the model.
+        released: Its answers to the single frames, for a comparison frame for frame.
     """
 
     protocol: Text
@@ -73,14 +94,16 @@ class PublishedRow(_Frozen):
         return self.model if self.regime is None else f"{self.model} ({self.regime})"
 
     def value(self, metric: str, group: str) -> float | None:
-        """A printed value; None where the paper has none."""
+        """Return a printed value; None where the paper has none."""
         return self.metrics.get(metric, {}).get(group)
 
 
 class PublishedTable(_Frozen):
     """One paper: its rows, what they were measured on, and notes on their consistency.
 
-    sensor: of the recording that its rows belong to, where protocols were not made for it.
+    Attributes:
+        sensor: Sensor of the recording that the rows belong to, where the protocols were not made
+            for that sensor; "" where they were.
     """
 
     schema_version: Literal[1]
@@ -96,17 +119,19 @@ class PublishedTable(_Frozen):
 
 
 def published_names(folder: Path) -> list[str]:
-    """Names of the tables in a folder, sorted."""
+    """Return the names of the tables in a folder, sorted."""
     return sorted(path.stem for path in folder.glob("*.toml"))
 
 
 def load_published(names: Iterable[str], folder: Path) -> list[PublishedTable]:
     """Read ``folder/NAME.toml`` for every name, in that order.
 
-    Raises UserError for an unknown name, a file that is no TOML, or a wrong or missing key.
+    Raises:
+        UserError: A name is unknown, or its file cannot be read, is not TOML, or has a wrong or
+            missing key.
     """
-    known = published_names(folder)
-    return [_load(name, folder, known) for name in names]
+    available = published_names(folder)
+    return [_load(name, folder, available) for name in names]
 
 
 def _load(name: str, folder: Path, known: Sequence[str]) -> PublishedTable:
@@ -131,7 +156,9 @@ def _load(name: str, folder: Path, known: Sequence[str]) -> PublishedTable:
 def published_for(spec: Protocol, folder: Path) -> list[PublishedTable]:
     """Return the tables that a protocol names, and those of other sensors with rows for it.
 
-    Raises UserError as ``load_published``.
+    Raises:
+        UserError: The protocol names an unknown table, or a file cannot be read, is not TOML, or
+            has a wrong or missing key.
     """
     named = spec.published.tables
     others = [name for name in published_names(folder) if name not in named]
@@ -141,12 +168,12 @@ def published_for(spec: Protocol, folder: Path) -> list[PublishedTable]:
 
 
 def rows_for(protocol: str, table: PublishedTable) -> tuple[PublishedRow, ...]:
-    """The rows of a table that belong to a protocol, in file order."""
+    """Return the rows of a table that belong to a protocol, in the order of the file."""
     return tuple(row for row in table.rows if row.protocol == protocol)
 
 
 def published_means(tables: Sequence[PublishedTable]) -> list[tuple[str, float]]:
-    """Label and mean distance error of every published row of exp2."""
+    """Return the label and the mean distance error, mm, of every published row of exp2."""
     pairs = (
         (row.label, row.value("distance_mae_mm", "all"))
         for table in tables

@@ -1,4 +1,4 @@
-"""The rules between the keys of a protocol."""
+"""Rules that several keys of a protocol must obey together."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class GridKeys(Strict):
 
 
 class Defaults(Strict):
-    """The plugins of a run for which none are named."""
+    """The sensor and the encoder of a run that names none."""
 
     sensor: Name
     encoder: Name
@@ -71,8 +71,12 @@ class Defaults(Strict):
 class Draw(Strict):
     """A named set of presses, drawn by rejection from one stream of the data seed.
 
-    tip_count, apart_mm: of a scattered indenter, a new one each press. Its tips lie anywhere in the
-    workspace, at least so far apart, and each has a depth of its own.
+    A scattered indenter is a new one in each press: its tips lie anywhere in the workspace, and
+    each has a depth of its own.
+
+    Attributes:
+        tip_count: Number of tips of a scattered indenter.
+        apart_mm: Least distance between the tips of a scattered indenter.
     """
 
     name: Name
@@ -115,8 +119,8 @@ class Draw(Strict):
     @property
     def tips(self) -> int:
         """Number of tips."""
-        several = len(self.offsets_mm) or self.tip_count
-        return several or {"single": 1, "dual": 2, "triple": 3}[self.indenter]
+        stated = len(self.offsets_mm) or self.tip_count
+        return stated or {"single": 1, "dual": 2, "triple": 3}[self.indenter]
 
     @property
     def span_mm(self) -> float:
@@ -151,10 +155,16 @@ class Recorded(Strict):
 
 
 class Plates(Strict):
-    """Presses of a tilted plate for a sensor that makes its own frames, drawn uniformly.
+    """Presses of a tilted plate for a sensor that makes its own frames.
 
-    depth: over the workspace. tilt_deg: at most, to either side. yaw_deg: where on the frame a
-    positive tilt moves the contact to.
+    Depth is drawn uniformly over the workspace, tilt uniformly to either side.
+
+    Attributes:
+        count: Number of presses.
+        stream: Random stream of the data seed.
+        tilt_deg: Largest tilt to either side.
+        yaw_deg: Direction in which a positive tilt moves the contact on the frame; 0: right, 90:
+            down.
     """
 
     count: Annotated[int, Field(ge=10, le=1_000_000)]
@@ -164,7 +174,12 @@ class Plates(Strict):
 
 
 class Transfer(Strict):
-    """The test is on another sensor. shots: how many of its labelled frames a model is given."""
+    """A test on another sensor than the trained one.
+
+    Attributes:
+        shots: Numbers of labelled frames of the tested sensor that a model is given.
+        stream: Random stream of the data seed.
+    """
 
     shots: tuple[Annotated[int, Field(ge=0, le=100_000)], ...] = Field(min_length=1, strict=False)
     stream: Stream
@@ -179,8 +194,12 @@ class Transfer(Strict):
 class ApartTest(Strict):
     """Presses that are tested after the others and scored apart, in groups of their own.
 
-    metrics: that are computed of them. instances: of the sensor, which press them in turn; empty:
-    the sensor itself presses them, so that they are geometries that no training has seen.
+    Attributes:
+        name: Name of the test, with which the groups of its metrics begin.
+        sets: Draws that are scored.
+        metrics: Metrics that are computed of the presses.
+        instances: Instances of the sensor, which press the scenes in turn. Empty: the sensor itself
+            presses them, so that they are geometries that no training has seen.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z]+$")]
@@ -200,7 +219,7 @@ class Test(Strict):
     cluster: Literal["press"]
     level: Share
     catch: Name | None = None
-    # Without the key it is the fit of the first versions of exp2 and fine.
+    # The first versions of exp2 and fine have no such key and keep the logistic fit.
     psychometric: Literal["logistic", "lapse"] = "logistic"
     apart: tuple[ApartTest, ...] = Field(default=(), strict=False)
 

@@ -1,4 +1,4 @@
-"""Dividing presses into training, validation and test presses. A press is in one part only."""
+"""Division into training, validation and test presses. A press is in one part only."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ interruption. Another number would make other frames."""
 
 @dataclass(frozen=True)
 class PressSplit:
-    """Indices of presses, each sorted."""
+    """Indices of the presses of each part, sorted."""
 
     fit: tuple[int, ...]
     validation: tuple[int, ...]
@@ -38,9 +38,17 @@ def split_presses(count: int, split: Split, data_seed: int) -> PressSplit:
 def split_recorded(
     names: Sequence[str], spec: Recorded, data_seed: int, published: Sequence[str] | None
 ) -> PressSplit:
-    """Divide recorded presses; ``published`` test frames are taken as they are.
+    """Divide recorded presses.
 
-    Raises UserError when the folder has too few presses to train, validate and test.
+    Args:
+        names: Name of every press.
+        spec: Shares of the parts.
+        data_seed: Seed of the permutation.
+        published: Names of published test frames, which are taken as they are; None: there are
+            none.
+
+    Raises:
+        UserError: A part would have no press.
     """
     if published is not None:
         index = {name: i for i, name in enumerate(names)}
