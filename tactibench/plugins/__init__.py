@@ -1,1 +1,1 @@
-"""Hook specifications, specs, interfaces and the guarded plugin host."""
+"""Hook specifications, specs, base classes and the guarded plugin host."""

@@ -25,14 +25,14 @@ def alarm(
 
     There is no alarm on systems without such a timer (Windows), beside another alarm of the same
     clock, and outside the main thread, where no signal can be handled. A call into compiled code is
-    not interrupted: the alarm comes when it is back.
+    not interrupted: the alarm comes when it returns.
 
     Args:
         clock: "processor" counts the time that this process computes, all threads together; a
             machine that is busy with something else does not use it up.
-        seconds: How long the block may take.
-        stop: Raises. It is handed the frame that was interrupted.
-        again_s: Seconds until the alarm comes again: what is raised in a destructor is lost.
+        seconds: How long the block may take, s.
+        stop: The function, which raises. It is given the frame that was interrupted.
+        again_s: Seconds until the alarm comes again: an exception in a destructor is lost.
     """
     if not hasattr(signal, "setitimer") or threading.current_thread() != threading.main_thread():
         yield

@@ -109,7 +109,13 @@ class Progress(Protocol):
         ...
 
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
-        """End an epoch; they count from 1. validation_mm: mean position error, mm."""
+        """End an epoch.
+
+        Args:
+            epoch: Number of the epoch, counted from 1.
+            loss: Mean loss of the epoch.
+            validation_mm: Mean position error on the validation frames, mm; None: not measured.
+        """
         ...
 
 
@@ -174,11 +180,11 @@ class Model(ABC):
     ) -> Mapping[str, Any] | None:
         """Correct the answers by a few labelled frames of the sensor that is tested.
 
-        They are single presses where contacts are asked for, however many contacts a test frame
-        holds (``--test shots=N``). Start from the state that ``fit`` or ``load`` left, so that
-        nothing stays of an earlier call. Without frames, ``predict`` answers as it was trained.
-        Draw nothing at random. Return the settings chosen, as JSON values for the record. Default:
-        None, the model cannot adapt; it is scored as it was trained.
+        The frames are single presses where contacts are asked for, however many contacts a test
+        frame holds (``--test shots=N``). Start from the state that ``fit`` or ``load`` left, so
+        that nothing of an earlier call remains. Without frames, ``predict`` answers as it was
+        trained. Draw nothing at random. Return the settings chosen, as JSON values for the record.
+        Default: None, the model cannot adapt; it is scored as it was trained.
         """
         return None
 
@@ -335,19 +341,19 @@ class Sensor(ABC):
     ) -> FloatArray | None:
         """Return the (3 K, 3 K) smallest covariance of x, y, depth of every contact, mm^2.
 
-        Contacts are in the order of ``true_contacts``, x, y, depth of the first in front. Where the
-        frame says nothing of a parameter its variance is inf, its covariances are 0. Without
-        nuisances, ``bound`` is the root of the diagonal. Raise UserError for a scene that cannot be
-        pressed or an unknown nuisance. Default: None, not known.
+        Contacts are in the order of ``true_contacts``; x, y, depth of the first one come first.
+        Where the frame says nothing about a parameter, its variance is inf and its covariances are
+        0. Without nuisances, ``bound`` is the root of the diagonal. Raise UserError for a scene
+        that cannot be pressed or an unknown nuisance. Default: None, not known.
         """
         return None
 
     def error_bounds(self, scenes: Sequence[Scene]) -> FloatArray | None:  # noqa: ARG002
         """Return (S,) mm, how far a marker of a simulated sensor may be from finite elements.
 
-        The bounds are measured: inf for a scene of which nothing was. They should take less than a
-        tenth of a millisecond a scene; every run asks for those of its test scenes. Default: None,
-        not known.
+        The bounds are measured; inf for a scene for which nothing was measured. They should take
+        less than a tenth of a millisecond a scene: every run asks for those of its test scenes.
+        Default: None, not known.
         """
         return None
 
@@ -363,7 +369,7 @@ class Sensor(ABC):
         """Return the (K,) normal force of every contact, in units of E_skin times mm^2.
 
         E_skin is Young's modulus of the skin: times its value in MPa, the forces are in N. They are
-        in the order of ``true_contacts``; 0 for a tip that touches and carries nothing. Raise
+        in the order of ``true_contacts``; 0 for a tip that touches and carries no load. Raise
         UserError for a scene that cannot be pressed. Default: None, not known.
         """
         return None

@@ -26,16 +26,16 @@ class Origin:
 def installed() -> list[tuple[EntryPoint, Origin]]:
     """Return the entry points of the group ``tactibench``, in the order of the path.
 
-    Of distributions with the same name the first on the path counts, as it does for imports.
+    Among distributions with the same name the first on the path counts, as it does for imports.
     ``importlib.metadata.entry_points`` parses the entry points and the metadata of every installed
-    distribution, so one damaged stranger breaks it and all of them cost time; here a file that
-    does not mention the group is only searched.
+    distribution, so that one damaged distribution breaks it and all of them cost time. Here a file
+    that does not mention the group is only searched.
     """
     points: list[tuple[EntryPoint, Origin]] = []
     seen: set[str] = set()
     for distribution in distributions():
-        own = _entry_points(distribution)
-        if not own:
+        declared = _entry_points(distribution)
+        if not declared:
             continue
         name, version = _name_and_version(distribution)
         key = name.lower().replace("_", "-")
@@ -43,7 +43,7 @@ def installed() -> list[tuple[EntryPoint, Origin]]:
             continue
         if name != UNKNOWN:
             seen.add(key)
-        points.extend((point, Origin(point.name, name, version)) for point in own)
+        points.extend((point, Origin(point.name, name, version)) for point in declared)
     return points
 
 
@@ -59,7 +59,10 @@ def _entry_points(distribution: Distribution) -> list[EntryPoint]:
 
 
 def _name_and_version(distribution: Distribution) -> tuple[str, str]:
-    """Read the head of METADATA (or PKG-INFO); its mail parser alone would take 10 ms."""
+    """Return name and version from the head of METADATA or PKG-INFO.
+
+    The mail parser of the standard library alone would take 10 ms.
+    """
     fields: dict[str, str] = {}
     text = _read_text(distribution, "METADATA") or _read_text(distribution, "PKG-INFO")
     for line in text.splitlines():

@@ -19,12 +19,13 @@ class ProcessExitError(BaseException):
 def forbid_exit() -> None:
     """Make ``os._exit`` and ``os.abort`` raise ProcessExitError where a plugin calls them.
 
-    The process would end with the plugin's exit code, 0 perhaps, and without a word. The standard
-    library, this package, dask, and processes that are forked from this one end as before.
+    Otherwise the process would end without a message and with the plugin's exit code, perhaps 0.
+    The standard library, this package, dask, and processes that are forked from this one end as
+    before.
     """
     for name in ("_exit", "abort"):
         end = getattr(os, name)
-        if end.__module__ != __name__:  # not yet
+        if end.__module__ != __name__:  # not guarded yet
             guarded = _guard(name, end)
             for module in ("os", "posix", "nt"):
                 if module in sys.modules:
@@ -36,8 +37,8 @@ def _guard(name: str, end: Callable[..., NoReturn]) -> Callable[..., NoReturn]:
 
     def exit_process(*arguments: Any) -> NoReturn:
         caller = str(sys._getframe(1).f_globals.get("__name__", "")).partition(".")[0]
-        own = caller in OWN or caller in sys.stdlib_module_names
-        if own or os.getpid() != owner:
+        allowed = caller in OWN or caller in sys.stdlib_module_names
+        if allowed or os.getpid() != owner:
             end(*arguments)
         raise ProcessExitError(f"os.{name}({', '.join(map(repr, arguments))})")
 

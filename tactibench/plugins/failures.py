@@ -14,12 +14,12 @@ from tactibench.plugins.discovery import Origin, installed
 from tactibench.plugins.host import PluginHost
 
 STUCK_S = 1.0
-"""Seconds that a hook may take when it is read a second time, to find out whose a module is."""
+"""Seconds that a hook may take when it is called again, to find the plugin that owns a module."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """The line of a plugin's source that was at work.
+    """The line of a plugin's source that was running.
 
     Attributes:
         origin: The plugin.
@@ -38,7 +38,7 @@ class Place:
 
 
 class Owners:
-    """The plugins that loaded, by the top-level modules that are theirs."""
+    """The plugins that loaded, by the top-level modules that belong to them."""
 
     def __init__(self) -> None:
         points = [(point, origin) for point, origin in installed() if point.module in sys.modules]
@@ -76,9 +76,9 @@ class Owners:
 
 
 def describe_failure(error: BaseException) -> str | None:
-    """Return the sentence about an exception that a plugin raised.
+    """Return the sentence about an exception that a plugin raised; None: no plugin raised it.
 
-    It names the plugin, the exception, the file and the line. None: no plugin raised it.
+    The sentence names the plugin, the exception, the file and the line.
     """
     place = Owners().place_of_error(error)
     if place is None:
@@ -98,7 +98,7 @@ def describe_method(subject: object, name: str) -> str:
 
 
 def describe_threads(threads: Iterable[threading.Thread]) -> list[str]:
-    """Return a sentence about every thread that is at work in a plugin."""
+    """Return a sentence about every thread that is running code of a plugin."""
     owners = Owners()
     frames = sys._current_frames()
     sentences = []

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 Prior = Literal["none", "plain addition", "nominal mechanics", "fitted to multi-contact labels"]
-"""Prior knowledge of a model, besides its frames, of contacts that press together:
-nothing; that what they move adds up; the mechanics of a nominal sensor; a law that was fitted to
-labelled presses with several contacts, of its own training included."""
+"""Knowledge that a model has, besides its frames, of contacts that press together: none; that their
+displacements add up; the mechanics of a nominal sensor; a law that was fitted to labelled presses
+with several contacts, those of its own training included."""
 PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 

@@ -33,7 +33,7 @@ LIMIT_S = 30.0
 """Seconds that a plugin may take to be imported, and each of its hooks to answer. Hooks are light
 and take milliseconds; one that imports torch from a cold network drive takes ten seconds."""
 AGAIN_S = 5.0
-"""Seconds after which a plugin that caught its time limit ends the process."""
+"""Seconds after which the process ends where a plugin caught the exception of its time limit."""
 MISTAKE = 2
 
 HOOKS = tuple(name for name in vars(hookspecs) if name.startswith(f"{hookspecs.GROUP}_"))
@@ -72,7 +72,11 @@ class Catalogue(Generic[SpecT]):
         return name in self.specs or name in self.clashes
 
     def __getitem__(self, name: str) -> SpecT:
-        """Return the spec. Raises UserError with the close match for an unknown name."""
+        """Return the spec of a name.
+
+        Raises:
+            UserError: No plugin offers the name, or it is offered twice.
+        """
         if name in self.clashes:
             owners = " and ".join(str(origin) for origin in self.clashes[name])
             raise UserError(
@@ -86,7 +90,7 @@ class Catalogue(Generic[SpecT]):
 class PluginHost:
     """Loads the entry points of group ``tactibench`` one by one under a guard.
 
-    Whatever a plugin raises becomes a `Problem`, see ``call_plugin``, and so does code that does
+    Every exception of a plugin becomes a `Problem`, see ``call_plugin``, and so does code that does
     not end, see ``time_limit``.
     """
 
@@ -99,11 +103,11 @@ class PluginHost:
         """Load plugins.
 
         Args:
-            points: Entry points and the distributions they are from; None: all installed.
+            points: Entry points and their distributions; None: all installed.
             limit_s: Seconds that each step may take; None: ``TACTIBENCH_HOOK_SECONDS``, or 30.
 
         Raises:
-            UserError: The variable is no number of seconds.
+            UserError: ``TACTIBENCH_HOOK_SECONDS`` is not a number of seconds above 0.
         """
         self._limit_s = _limit() if limit_s is None else limit_s
         self._manager = pluggy.PluginManager(hookspecs.GROUP)
@@ -152,7 +156,11 @@ class PluginHost:
         return None if hooks else f"it has none of the hooks {', '.join(HOOKS)}"
 
     def _call(self, origin: Origin, step: str, function: Callable[[], T]) -> T:
-        """Return what a function of a plugin returns in time. Raises PluginError."""
+        """Return the result of a plugin's function.
+
+        Raises:
+            PluginError: The function raises, or does not end within the time limit.
+        """
 
         def call() -> T:
             with time_limit(self._limit_s, f"plugin {origin}: {step}"):
@@ -164,7 +172,7 @@ class PluginHost:
         self._problems.append(Problem(origin, step, message))
 
     def _collect(self, kind: str, hook: str, spec_type: type[SpecT]) -> Catalogue[SpecT]:
-        """Call a hook of every plugin; a name that is offered twice belongs to nobody."""
+        """Return the specs that all plugins declare; names that are offered twice are left out."""
         caller: pluggy.HookCaller = getattr(self._manager.hook, hook)
         offers: dict[str, list[tuple[Origin, SpecT]]] = {}
         for implementation in caller.get_hookimpls():
@@ -253,7 +261,10 @@ class PluginHost:
 
 
 class HookTimeoutError(BaseException):
-    """Code of a plugin did not end in time. It is no Exception, which the plugin might catch."""
+    """Code of a plugin did not end in time.
+
+    It does not inherit from Exception, which the plugin might catch.
+    """
 
 
 @contextmanager
@@ -264,8 +275,8 @@ def time_limit(seconds: float, what: str) -> Iterator[None]:
     for where there is no limit.
 
     Args:
-        seconds: How long it may take.
-        what: Words for the block, of that sentence.
+        seconds: How long the block may take, s.
+        what: Words for the block in that sentence.
     """
     caught = False
 
@@ -285,13 +296,17 @@ def time_limit(seconds: float, what: str) -> Iterator[None]:
 
 
 def _limit() -> float:
-    """Return the time limit of a step, s. Raises UserError."""
+    """Return the time limit of a step, s.
+
+    Raises:
+        UserError: ``TACTIBENCH_HOOK_SECONDS`` is not a number of seconds above 0.
+    """
     text = os.environ.get(VARIABLE, "")
     try:
         seconds = float(text or LIMIT_S)
     except ValueError:
         seconds = 0.0
-    if not 0 < seconds < threading.TIMEOUT_MAX:  # not so for NaN, too
+    if not 0 < seconds < threading.TIMEOUT_MAX:  # False for NaN, too
         raise UserError(f"{VARIABLE} is {text!r}; give a number of seconds above 0.")
     return seconds
 
@@ -316,7 +331,7 @@ def open_sensor(
     *,
     preferred: Mapping[str, str] | None = None,
 ) -> Sensor:
-    """Build a sensor by name: how one plugin reaches another's. It is not entered yet.
+    """Build a sensor by name, such as that of another plugin. It is not entered yet.
 
     Args:
         name: Name of a sensor of any installed plugin.
@@ -325,10 +340,10 @@ def open_sensor(
         preferred: Parameters that are used where the sensor has them and ``given`` leaves them out.
 
     Raises:
-        UserError: For an unknown name or parameter, or a value that is not allowed.
+        UserError: The name or a parameter is unknown, or a value is not allowed.
     """
     spec = PluginHost().sensors[name]
-    known = {parameter.name for parameter in spec.parameters}
-    texts = {key: value for key, value in (preferred or {}).items() if key in known}
+    names = {parameter.name for parameter in spec.parameters}
+    texts = {key: value for key, value in (preferred or {}).items() if key in names}
     values = spec.settings({**texts, **given})  # before anything heavy is imported
     return spec.load()(context, **values)

@@ -27,12 +27,13 @@ SIGNALS = (IMAGE, CHANNELS)
 """Kinds of signal: uint8 images of a camera, float32 channels of any other sensor."""
 ORIGINS = ("simulated", "real")
 VERSION = "version"
-RECIPE = "recipe"
 """Parameter by which a sensor is chosen among its versions."""
+RECIPE = "recipe"
+"""Parameter by which a model is chosen among its recipes."""
 INSTANCE = "instance"
-"""Parameter of a sensor that stands for one of its make; 0 is the nominal one."""
+"""Parameter by which one sensor of a make is chosen; 0 is the nominal one."""
 NOMINAL = 0
-"""The instance that is as its make is meant to be."""
+"""Number of the nominal instance."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder names
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
@@ -41,7 +42,7 @@ _TRUTHS = {
     **dict.fromkeys(("yes", "true", "1"), True),
     **dict.fromkeys(("no", "false", "0"), False),
 }
-"""Words for a parameter that is true or false: a person's, those of TOML, and digits."""
+"""Texts for a parameter that is true or false: plain words, those of TOML, and digits."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,19 @@ class Parameter:
         high: Largest allowed number.
         decode_only: For encoders: changes how maps are read, but not the maps that a model is
             trained on, so that trained weights stay valid.
-        before: The value of records that are older than the parameter; None: every record states
-            one.
-        built_in: Values that need no file of the user's, of a parameter that can name one; empty
-            for all others. A committed record has one of them: nothing that a record names is
-            opened.
+        before: The value in records that are older than the parameter; None: every record states
+            its value.
+        built_in: For a parameter that can name a file: the values that need no file of the user;
+            empty for all others. A committed record has one of them, because no file that a record
+            names is opened.
         earlier: Values that were the default once, so that an older record does not name the
             parameter among those that were changed.
         checks_only: For sensors: decides what is refused, and changes no frame; at its default it
             is no part of what identifies frames.
+
+    Raises:
+        ValueError: The name is no identifier, the help is no text, the default is neither a number
+            nor a text, a default or a choice is not printable, or the default is not allowed.
     """
 
     name: str
@@ -97,7 +102,11 @@ class Parameter:
             raise ValueError(f"the default of {error}") from None
 
     def parse(self, text: str) -> Value:
-        """Read a value from the command line. Raises UserError when it is not allowed."""
+        """Return the value of a text from the command line.
+
+        Raises:
+            UserError: The text does not have the type of the default, or its value is not allowed.
+        """
         kind = type(self.default)
         try:
             if kind is bool:
@@ -112,7 +121,12 @@ class Parameter:
         return self.check(value)
 
     def check(self, value: Value) -> Value:
-        """Return an allowed value as it is. Raises UserError for any other."""
+        """Return an allowed value as it is.
+
+        Raises:
+            UserError: The value is not among the choices, not finite, below ``low`` or above
+                ``high``.
+        """
         if self.choices and value not in self.choices:
             allowed = ", ".join(str(choice) for choice in self.choices)
             raise UserError(f"parameter {self.name!r} is {value!r}; allowed: {allowed}.")
@@ -128,7 +142,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class _Spec:
-    """The fields that models, sensors and encoders have in common."""
+    """The fields that models, sensors and encoders have in common.
+
+    Attributes:
+        retired: Parameter -> values that no longer exist -> the values that stand for them now.
+    """
 
     name: str
     target: str
@@ -152,30 +170,36 @@ class _Spec:
         """Return the values of all parameters: those given as text, the others at their defaults.
 
         Raises:
-            UserError: For an unknown parameter or a value that is not allowed.
+            UserError: A parameter is unknown, or a value is not allowed.
         """
-        known = {parameter.name: parameter for parameter in self.parameters}
+        by_name = {parameter.name: parameter for parameter in self.parameters}
         for name in given:
-            if name not in known:
+            if name not in by_name:
                 raise UserError(
-                    f"{self.name!r} has no parameter {name!r}; {did_you_mean(name, known)}"
+                    f"{self.name!r} has no parameter {name!r}; {did_you_mean(name, by_name)}"
                 )
             instead = self.retired.get(name, {}).get(given[name])
             if instead is not None:
-                allowed = ", ".join(str(choice) for choice in known[name].choices)
+                allowed = ", ".join(str(choice) for choice in by_name[name].choices)
                 raise UserError(
                     f"{self.name!r} no longer has {name}={given[name]}; take {name}={instead} "
                     f"instead{f' (allowed: {allowed})' if allowed else ''}."
                 )
-        set_values = {name: known[name].parse(text) for name, text in given.items()}
+        set_values = {name: by_name[name].parse(text) for name, text in given.items()}
         return {**self.defaults(set_values), **set_values}
 
     def settings_of_record(self, stored: Mapping[str, object]) -> dict[str, Value]:
-        """Return the settings that a record holds, in today's terms.
+        """Return the settings that a record holds, in terms of today's parameters.
 
-        ``retired`` maps a parameter to values that went and the values that stand for them now;
-        a retired parameter that is none of today's is left out. One that the record is too old to
-        hold has its value of then (``Parameter.before``). Raises UserError as ``settings``.
+        Values in ``retired`` become those that stand for them now, and a retired parameter that no
+        longer exists is left out. A parameter that is newer than the record has the value that it
+        had then (``Parameter.before``).
+
+        Args:
+            stored: Name of a parameter -> value in the record.
+
+        Raises:
+            UserError: A parameter is unknown, or a value is not allowed.
         """
         today = {parameter.name for parameter in self.parameters}
         given = {p.name: str(p.before) for p in self.parameters if p.before is not None}
@@ -225,7 +249,11 @@ class ModelSpec(_Spec):
         return {**super().defaults(values), **self.recipes.get(str(values.get(RECIPE)), {})}
 
     def load(self) -> Callable[..., Model]:
-        """Import and return the class. Raises UserError when it cannot be used."""
+        """Import and return the class.
+
+        Raises:
+            UserError: The target cannot be imported, or is not a complete subclass.
+        """
         from tactibench.plugins.base import Model
 
         return import_subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
@@ -283,11 +311,15 @@ class SensorSpec(_Spec):
     def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""
         version = values.get(VERSION)
-        own = self.versions.get(version, {}) if isinstance(version, int) else {}
-        return {**super().defaults(values), **own}
+        of_version = self.versions.get(version, {}) if isinstance(version, int) else {}
+        return {**super().defaults(values), **of_version}
 
     def load(self) -> Callable[..., Sensor]:
-        """Import and return the class. Raises UserError when it cannot be used."""
+        """Import and return the class.
+
+        Raises:
+            UserError: The target cannot be imported, or is not a complete subclass.
+        """
         from tactibench.plugins.base import Sensor
 
         return import_subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
@@ -323,7 +355,11 @@ class EncoderSpec(_Spec):
     shows_surface: bool = False
 
     def load(self) -> Callable[..., Encoder]:
-        """Import and return the class. Raises UserError when it cannot be used."""
+        """Import and return the class.
+
+        Raises:
+            UserError: The target cannot be imported, or is not a complete subclass.
+        """
         from tactibench.plugins.base import Encoder
 
         return import_subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
@@ -337,7 +373,13 @@ class EncoderSpec(_Spec):
 
 @dataclass(frozen=True)
 class CommandSpec:
-    """A verb for the command line; target is a click command, imported when it is called."""
+    """A verb for the command line.
+
+    Attributes:
+        name: Name by which users call it.
+        target: ``"package.module:command"``, a click command, imported when it is called.
+        summary: One line for the list of verbs.
+    """
 
     name: str
     target: str
@@ -348,7 +390,11 @@ class CommandSpec:
         object.__setattr__(self, "summary", _text(self.name, "summary", self.summary))
 
     def load(self) -> Any:
-        """Import and return the click command. Raises UserError when that fails."""
+        """Import and return the click command.
+
+        Raises:
+            UserError: The target cannot be imported.
+        """
         return import_target(self.name, self.target)
 
 
@@ -357,15 +403,24 @@ def _is_name(value: object) -> bool:
 
 
 def _check_variants(spec: _Spec, by: str, variants: Mapping[Any, Mapping[str, Value]]) -> None:
-    """Raise for defaults, by the value of a parameter, of parameters that the spec has not."""
-    known = {parameter.name: parameter for parameter in spec.parameters}
+    """Raise ValueError where a variant sets a parameter that the spec lacks.
+
+    Args:
+        spec: The spec.
+        by: Name of the parameter that chooses the variant.
+        variants: Value of that parameter -> defaults that differ, by name of the parameter.
+
+    Raises:
+        UserError: A default is not allowed.
+    """
+    by_name = {parameter.name: parameter for parameter in spec.parameters}
     for variant, values in variants.items():
-        if missing := {by, *values} - set(known):
+        if missing := {by, *values} - set(by_name):
             raise ValueError(
                 f"{by} {variant!r} of {spec.name!r} sets {sorted(missing)}, which it lacks"
             )
         for name, value in values.items():
-            known[name].check(value)
+            by_name[name].check(value)
 
 
 def _check_count(name: str, most: int | None) -> None:
@@ -381,7 +436,11 @@ def _check_names(name: object, target: object) -> None:
 
 
 def _text(name: str, key: str, text: object) -> str:
-    """Return a text as a terminal may show it. Raises for anything else: no listing holds it."""
+    """Return a text as a terminal may show it.
+
+    Raises:
+        ValueError: The value is not a text, so that no listing could show it.
+    """
     if not isinstance(text, str):
         raise ValueError(f"{name!r} has a {key} of type {type(text).__name__}; a text")
     return printable(text)

@@ -1,4 +1,4 @@
-"""Import of what the target of a spec names: ``"package.module:Class"``."""
+"""Import of the object that the target of a spec names: ``"package.module:Class"``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,15 @@ T = TypeVar("T")
 
 
 def import_target(name: str, target: str) -> Any:
-    """Import and return what a target names. Raises UserError when that fails."""
+    """Import and return the object that a target names.
+
+    Args:
+        name: Name of the spec, for the error.
+        target: ``"package.module:Class"``.
+
+    Raises:
+        UserError: The import fails, or the module does not have the object.
+    """
     module, _, attribute = target.partition(":")
     try:
         return call_plugin(lambda: getattr(import_module(module), attribute))
@@ -24,7 +32,17 @@ def import_target(name: str, target: str) -> Any:
 
 
 def import_subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
-    """Return the class of a target. Raises UserError where it cannot stand for the base class."""
+    """Import and return the class that a target names.
+
+    Args:
+        name: Name of the spec, for the error.
+        target: ``"package.module:Class"``.
+        base: The class that it must inherit from.
+
+    Raises:
+        UserError: The import fails, the class does not inherit from ``base``, or it lacks a method
+            that must be written.
+    """
     loaded = import_target(name, target)
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
         kind, own = base.__name__, target.partition(":")[2]
