@@ -34,6 +34,7 @@ LOCAL_PAGE = "127.0.0.1:0"
 """Address of dask's web server: any free port, since 8787, the default, may be another sweep's."""
 
 _MANY = 1_000_000
+"""Capacity of a remote scheduler, more than a sweep has cells: it is given all tasks at once."""
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -45,7 +46,12 @@ class WorkerLossError(Exception):
 
 @dataclass(frozen=True)
 class Capacity:
-    """Numbers of tasks that can begin at once; ``gpus``: of those that need a graphics card."""
+    """Numbers of tasks that can begin at once.
+
+    Attributes:
+        slots: Number of tasks of any kind.
+        gpus: Number of tasks that need a graphics card.
+    """
 
     slots: int
     gpus: int
@@ -53,13 +59,13 @@ class Capacity:
 
 @dataclass(frozen=True)
 class Storage:
-    """Folders of runs and of what can be made again.
+    """Folders of a sweep.
 
     Attributes:
         store: The run store.
-        cache: The cache.
+        cache: The cache, whose contents can be made again.
         any_machine: Whether a run that another machine made counts, as it must where a cell may
-            run on any of several.
+            run on one of several machines.
     """
 
     store: Path
@@ -80,9 +86,9 @@ class Cluster:
         self.remote = remote
 
     def capacity(self) -> Capacity:
-        """Return the capacity of the workers that are there now.
+        """Return the capacity of the present workers.
 
-        A remote scheduler is handed everything at once: its workers come and go, and some are only
+        A remote scheduler is given all tasks at once: its workers come and go, and some are only
         started where work is waiting.
         """
         workers = self.workers().values()
@@ -126,7 +132,13 @@ class Cluster:
         return [future for future in waiting if future.done()]
 
     def wait(self, future: Any) -> Any:
-        """Return the result of a task when it has finished; raises what ``result`` raises."""
+        """Return the result of a task when it has finished.
+
+        Raises:
+            WorkerLossError: The workers died.
+            UserError: The scheduler has gone.
+            Exception: Whatever the task raised.
+        """
         while not self.wait_any([future]):
             pass
         return self.result(future)
@@ -150,9 +162,12 @@ class Cluster:
             raise _lost_connection() from None
 
     def map_in_order(self, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-        """Give ``map(work, items)``, computed not far ahead of what was taken.
+        """Yield ``map(work, items)``, computed only a few results ahead of the caller.
 
-        Raises what ``result`` raises.
+        Raises:
+            WorkerLossError: The workers died.
+            UserError: The scheduler has gone.
+            Exception: Whatever a task raised.
         """
         rest = iter(items)
         waiting: deque[Any] = deque()
@@ -181,13 +196,14 @@ def count_cores() -> int:
 def local_cluster(workers: int, threads: int, deaths: int) -> Iterator[Cluster]:
     """Start processes on this machine, each of which has one task at a time.
 
-    They talk by TLS with a key that is made for this call and stays in memory: whoever reaches the
-    port of a scheduler without a key, another user of this machine say, runs code on the workers.
+    They talk by TLS with a key that is made for this call and stays in memory. Without a key,
+    whoever reaches the port of the scheduler, such as another user of this machine, could run code
+    on the workers.
 
     Args:
         workers: Number of processes.
-        threads: Threads of a process.
-        deaths: Deaths of workers that a task outlives.
+        threads: Number of threads of a process.
+        deaths: Number of deaths of workers after which a task is still tried again.
 
     Raises:
         UserError: dask or cryptography is not installed.
@@ -203,7 +219,7 @@ def local_cluster(workers: int, threads: int, deaths: int) -> Iterator[Cluster]:
     settings = {
         "distributed.scheduler.allowed-failures": deaths,
         "distributed.worker.daemon": False,
-        # Both have a web server, which cannot be left out: it shows nothing.
+        # Both have a web server, which cannot be left out; without routes it shows nothing.
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
     }
@@ -228,10 +244,11 @@ def local_cluster(workers: int, threads: int, deaths: int) -> Iterator[Cluster]:
 
 @contextmanager
 def remote_cluster(address: str, storage: Storage) -> Iterator[Cluster]:
-    """Connect to a running scheduler, and check that its workers are of use.
+    """Connect to a running scheduler, and check its workers as ``check_workers`` does.
 
     Raises:
-        UserError: dask is not installed, the scheduler does not answer, or a worker is of no use.
+        UserError: dask is not installed, the scheduler does not answer, or a worker cannot import
+            tactibench, does not see a folder, or runs another version or other code.
     """
     _, distributed = _import_dask()
     with _quiet_log():
@@ -259,20 +276,21 @@ class _WorkerView:
 
 
 def check_workers(cluster: Cluster, storage: Storage) -> None:
-    """Wait for a worker, then check that all see the folders and run this code.
+    """Wait for a worker, then check that all workers see the folders and run this code.
 
     Raises:
-        UserError: A worker is of no use; the sentence names it.
+        UserError: A worker cannot import tactibench, does not see a folder, or runs another version
+            or other code.
     """
     with _mark(storage.store) as store, _mark(storage.cache) as cache:
         marks = {"run store": store, "cache": cache}
-        # A task makes schedulers that start workers on demand start one.
+        # Schedulers that start workers on demand start one for a task.
         future = cluster.submit(_look_around, marks)
         while not cluster.wait_any([future]):
             pass
         cluster.client.cancel([future])
         answers = cluster.client.run(_look_around, marks, on_error="return")
-    here = _look_around({})
+    local_view = _look_around({})
     for address, view in answers.items():
         if isinstance(view, Exception):
             raise UserError(
@@ -286,10 +304,10 @@ def check_workers(cluster: Cluster, storage: Storage) -> None:
                 f"worker {address} does not see the {name} {folder}; name a folder that all "
                 f"machines share with {option}."
             )
-        if view != here:
+        if view != local_view:
             raise UserError(
                 f"worker {address} runs tactibench {view.version} ({view.code[:8]}), this machine "
-                f"{here.version} ({here.code[:8]}); install the same on both."
+                f"{local_view.version} ({local_view.code[:8]}); install the same on both."
             )
 
 
@@ -300,7 +318,7 @@ def _look_around(marks: dict[str, str]) -> _WorkerView:
 
 @contextmanager
 def _mark(folder: Path) -> Iterator[str]:
-    """Put a file into a folder for a while; a folder that was made for it goes with it."""
+    """Put a file into a folder while the block runs; a folder that was made for it goes, too."""
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     mark = folder / f".sweep-{os.getpid()}"
@@ -319,7 +337,7 @@ def _local_workers(
 ) -> dict[int, dict[str, Any]]:
     """Return the options of the processes; the first ones have a graphics card each."""
     cards = _graphics_cards()
-    # What a worker keeps on the disk is read as code: not in a folder that all users share.
+    # A worker's files on the disk are read as code, so they must not lie in a shared folder.
     folder = cache_folder().resolve() / "workers"
     folder.mkdir(parents=True, exist_ok=True)
     folder.chmod(0o700)
@@ -357,7 +375,11 @@ def _graphics_cards() -> list[str]:
 
 
 def _import_dask() -> tuple[Any, Any]:
-    """Return ``dask`` and ``distributed``."""
+    """Return the modules ``dask`` and ``distributed``.
+
+    Raises:
+        UserError: dask.distributed is not installed.
+    """
     try:
         import dask
         import distributed
@@ -371,7 +393,7 @@ def _import_dask() -> tuple[Any, Any]:
 
 @contextmanager
 def _quiet_log() -> Iterator[None]:
-    """Silence dask's log: errors are said in sentences."""
+    """Silence dask's log while the block runs: errors are reported in sentences."""
     log = logging.getLogger("distributed")
     before = log.level
     log.setLevel(logging.CRITICAL)

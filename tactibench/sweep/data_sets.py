@@ -33,7 +33,7 @@ class DatasetTask:
     Attributes:
         folder: Folder of the data set.
         label: The folder as the sweep's file names it.
-        request: What is asked for.
+        request: The options that the sweep's file states.
         plan: The presses.
         source: The sensor.
     """
@@ -59,7 +59,7 @@ def list_data_sets(file: SweepFile) -> tuple[DatasetTask, ...]:
     """Return the data sets of a sweep.
 
     Raises:
-        UserError: One cannot be pressed, or two have the same folder.
+        UserError: A data set cannot be pressed, or two data sets have the same folder.
     """
     tasks: dict[Path, DatasetTask] = {}
     asked = [spec for part in file.parts for spec in part.generate]
@@ -112,7 +112,11 @@ def press_data_set(task: DatasetTask, cluster: Cluster, advance: Advance) -> Non
 def _press_on_worker(
     request: GenerationRequest, identity: str, header: Header, chunk: PressSeries
 ) -> list[Draft]:
-    """Return the samples of a chunk as they are stored: PNG files are smaller to send."""
+    """Return the samples of a chunk as they are stored: PNG files are smaller to send.
+
+    Raises:
+        UserError: The worker has another version of the sensor than the process that asks.
+    """
     source = _open_source(request)
     if digest(source.identity) != identity:
         raise UserError(
@@ -127,5 +131,5 @@ def _press_on_worker(
 
 @lru_cache(maxsize=4)
 def _open_source(request: GenerationRequest) -> SensorSource:
-    """Open the sensor once a worker, not once a chunk."""
+    """Return the sensor, opened once per worker, not once per chunk."""
     return request.source()

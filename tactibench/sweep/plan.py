@@ -1,4 +1,4 @@
-"""The plan of a sweep: what is there already, what is to do, and which cells share a training."""
+"""The plan of a sweep: the finished cells, those to run, and those that share a training."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class CellPlan:
     Attributes:
         state: "done", "to do", or "cannot".
         name: Name of the run.
-        why: Why it cannot be run, a sentence.
-        weights: Cells with the same key share one training.
-        trained: Whether that training is in the cache.
+        why: Sentence that says why the cell cannot be run.
+        weights: Key of the weights; cells with the same key share one training.
+        trained: Whether these weights are in the cache.
     """
 
     state: State
@@ -44,9 +44,10 @@ class CellPlan:
 def plan_cells(
     cells: Iterable[Cell], storage: Storage, cluster: Cluster | None = None
 ) -> dict[Cell, CellPlan]:
-    """Plan all cells: on a worker of each kind where there is a cluster, else here.
+    """Plan all cells, on workers where there is a cluster, else in this process.
 
-    Of cells that come to the same run only the first one stays.
+    Cells that need a graphics card are planned on a worker that has one. Where several cells are
+    the same run, only the first one stays.
 
     Raises:
         UserError: The workers died, or the scheduler has gone.
@@ -87,7 +88,7 @@ def _plan_on(
 
 
 def plan_requests(requests: Sequence[RunRequest], storage: Storage) -> tuple[CellPlan, ...]:
-    """Look runs up in store and cache of the machine where this is called."""
+    """Return the plans of runs, looked up in the store and the cache of this machine."""
     host = PluginHost()
     runs = dict(_runs_by_identity(storage)) if storage.any_machine else {}
     frame_plans: dict[str, FramePlan] = {}
@@ -113,12 +114,12 @@ def _plan_cell(plan: RunPlan, storage: Storage, runs: Mapping[str, str]) -> Cell
 
 
 def find_run(plan: RunPlan, storage: Storage, runs: Mapping[str, str]) -> str | None:
-    """Return the readable run of this identity in the store, if there is one.
+    """Return the name of the readable run with the plan's identity in the store, if there is one.
 
     Args:
         plan: The plan of the run.
         storage: Folders of the sweep.
-        runs: Identity without the machine -> name, of runs of any machine.
+        runs: Hash of the identity without the machine -> name, for runs of any machine.
     """
     if readable_run(storage.store, plan.name) is not None:
         return plan.name
@@ -126,7 +127,7 @@ def find_run(plan: RunPlan, storage: Storage, runs: Mapping[str, str]) -> str | 
 
 
 def _runs_by_identity(storage: Storage) -> Iterator[tuple[str, str]]:
-    """Give identity without the machine -> name, of every stored run."""
+    """Yield, for every stored run, the hash of its identity without the machine, and its name."""
     for run in stored_runs(storage.store):
         identity = _without(run.record.identity.json_values(), (*_RECORD_ONLY, "machine"))
         yield digest(identity), run.folder.name

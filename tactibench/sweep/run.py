@@ -1,7 +1,7 @@
 """A sweep on a cluster: data sets first, then runs; cells that share weights wait for one training.
 
-No more tasks are handed out than workers can begin at once, so that a worker that dies takes with
-it only the cell it was at work on.
+No more tasks are given out than workers can begin at once, so that a worker that dies loses only
+the cell that it was running.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Outcome:
 
     Attributes:
         name: Name of the run.
-        why: Why it failed, a sentence; "" when it did not.
-        seconds: How long it took.
+        why: Sentence that says why it failed; "" where it did not.
+        seconds: Time that it took, s.
     """
 
     name: str = ""
@@ -44,7 +44,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class CellResult:
-    """A cell and what came of it; without an outcome it was in the store, or cannot be run."""
+    """A cell and its result.
+
+    Attributes:
+        cell: The cell.
+        plan: Its state before the sweep.
+        outcome: Outcome of its task; None: the run was in the store, or it cannot be run.
+    """
 
     cell: Cell
     plan: CellPlan
@@ -59,7 +65,7 @@ class CellResult:
 
     @property
     def why(self) -> str:
-        """Why it failed, a sentence; "" when it did not."""
+        """Sentence that says why the cell failed or cannot be run; "" where it did not fail."""
         return self.outcome.why if self.outcome is not None else self.plan.why
 
 
@@ -71,7 +77,7 @@ class Job:
     """A task for a worker.
 
     Attributes:
-        work: What the worker does.
+        work: Function that the worker calls: ``train_weights`` or ``run_cell``.
         cells: The cells that need it; a training has several.
     """
 
@@ -99,7 +105,7 @@ def run_sweep(
         data_sets: The data sets of the sweep.
         cluster: The workers.
         storage: Folders of runs and cache.
-        deaths: Deaths of workers that a cell outlives.
+        deaths: Number of deaths of workers after which a cell is still tried again.
         reporter: Shows progress.
 
     Raises:
@@ -123,8 +129,8 @@ def result_rows(
 ) -> list[dict[str, Any]]:
     """Return rows of metric, group, value, unit.
 
-    They are every metric of every run in the store, "failed" for every cell without one, and the
-    samples of every data set that is there.
+    They hold every metric of every run in the store, "failed" for every cell that failed, and the
+    number of samples of every complete data set.
 
     Raises:
         UserError: A run is gone or cannot be read.
@@ -168,13 +174,13 @@ def list_jobs(plans: Mapping[Cell, CellPlan]) -> list[Job]:
 def run_jobs(
     jobs: Sequence[Job], cluster: Cluster, storage: Storage, deaths: int
 ) -> Iterator[tuple[Cell, Outcome]]:
-    """Give every cell with what came of it, as they finish.
+    """Yield every cell with its outcome, in the order in which they finish.
 
     Args:
         jobs: Trainings and runs, in the order in which they should begin.
         cluster: The workers.
         storage: Folders of runs and cache.
-        deaths: Deaths of workers that a task outlives.
+        deaths: Number of deaths of workers after which a task is still tried again.
     """
     waiting = list(jobs)
     running: dict[object, Job] = {}
@@ -182,7 +188,7 @@ def run_jobs(
     while waiting or running:
         capacity = cluster.capacity()
         had_gpu |= bool(capacity.gpus)
-        # A local worker with a card that died is being started again.
+        # A local worker with a graphics card that died is being started again.
         if capacity.slots and not capacity.gpus and (cluster.remote or not had_gpu):
             refused = [job for job in waiting if job.needs_gpu]
             waiting = [job for job in waiting if not job.needs_gpu]
@@ -227,7 +233,7 @@ def _outcome(cluster: Cluster, future: object, deaths: int) -> Outcome:
 
 
 def train_weights(request: RunRequest, storage: Storage) -> Outcome:
-    """Make sure that the weights of a cell are in the cache."""
+    """Train the weights of a cell where they are not in the cache."""
 
     def train(plan: RunPlan) -> str:
         from tactibench.run.train import train_model
@@ -239,10 +245,10 @@ def train_weights(request: RunRequest, storage: Storage) -> Outcome:
 
 
 def run_cell(request: RunRequest, storage: Storage) -> Outcome:
-    """Run a cell and store it; what is stored is not run again.
+    """Run a cell and store it; a run that is stored is not run again.
 
-    A worker may have died after it stored the run and before it said so, and another sweep may be
-    at work on the same store.
+    A worker may have died after it stored the run and before it reported it, and another sweep may
+    use the same store.
     """
 
     def run(plan: RunPlan) -> str:

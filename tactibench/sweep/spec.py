@@ -30,7 +30,7 @@ from tactibench.run.request import RunRequest, read_parameters, read_test_option
 
 AXES = ("protocol", "model", "regime", "encoder", "sensor", "seed")
 ANY = "*"
-"""Stands for every name, in a table by name."""
+"""Key that stands for every other name in a table by name."""
 
 
 def _as_list(value: Any) -> Any:
@@ -82,10 +82,11 @@ class DatasetSpec(_Strict):
 
 
 class SweepSpec(_Strict):
-    """The keys of a sweep's file: one list an axis, and what holds for all cells.
+    """The keys of a sweep's file: one list per axis, and the settings of all cells.
 
-    ``device`` and ``data`` are one for all cells, or a table by model or by protocol ("*": any
-    other).
+    Attributes:
+        device: One device for all cells, or a table by model ("*": any other model).
+        data: One folder for all cells, or a table by protocol ("*": any other protocol).
     """
 
     protocol: Texts = ()
@@ -131,15 +132,15 @@ class SweepFile:
     """A sweep's file and its valid keys; paths in it begin at the file's folder.
 
     Attributes:
-        path: of the file.
-        parts: the sweeps in it: one, or those of its tables ``[[sweep]]``.
+        path: Path of the file.
+        parts: The sweeps in it: one, or those of its tables ``[[sweep]]``.
     """
 
     path: Path
     parts: tuple[SweepSpec, ...]
 
     def resolve(self, text: str) -> Path:
-        """Return a path of the file, absolute: the workers' folders are others."""
+        """Return a path in the file as an absolute one: workers have other working folders."""
         return (self.path.parent / Path(text).expanduser()).resolve()
 
     def error(self, text: str) -> UserError:
@@ -149,7 +150,7 @@ class SweepFile:
 
 @dataclass(frozen=True)
 class PluginChoice:
-    """A plugin with parameters of its own: "unet, width=32"."""
+    """A plugin and its parameters, written as "unet, width=32"."""
 
     name: str
     parameters: Mapping[str, str]
@@ -160,7 +161,7 @@ class Cell:
     """One run of a sweep. No two cells are equal.
 
     Attributes:
-        axes: Axis -> value as the file has it, "" where it names none.
+        axes: Axis -> value as written in the file, "" where the file names none.
         request: The run.
     """
 
@@ -208,7 +209,7 @@ def read_choice(text: str) -> PluginChoice:
     """Return the plugin of "NAME" or "NAME, KEY=VALUE, ...".
 
     Raises:
-        UserError: The text is neither, or sets a parameter twice.
+        UserError: The text has another form, or sets a parameter twice.
     """
     name, *settings = (part.strip() for part in text.split(","))
     parameters = {}
@@ -225,11 +226,12 @@ def read_choice(text: str) -> PluginChoice:
 def list_cells(file: SweepFile, host: PluginHost) -> tuple[Cell, ...]:
     """Return every combination of the lists that is not excluded, in the order of the lists.
 
-    A run that several sweeps of the file ask for is one cell. Whether a model can be trained so is
-    found out when the cell is planned.
+    A run that several sweeps of the file ask for is one cell. Whether a model can be trained in
+    this way is found out when the cell is planned.
 
     Raises:
-        UserError: A name does not exist, or no cell of a sweep is left.
+        UserError: A name does not exist, an exclusion names a value that is not in the lists, or no
+            cell of a sweep is left.
     """
     cells: list[Cell] = []
     for number, spec in enumerate(file.parts, start=1):
@@ -240,13 +242,13 @@ def list_cells(file: SweepFile, host: PluginHost) -> tuple[Cell, ...]:
                 axes for axes in _combinations(spec, host) if not _is_excluded(axes, spec.exclude)
             ]
             _check_exclusions(spec)
-            own = [Cell(axes, _request(file, spec, axes, host)) for axes in combinations]
+            part_cells = [Cell(axes, _request(file, spec, axes, host)) for axes in combinations]
         except UserError as error:
             raise file.error(f"{where}{error}") from None
-        if (spec.protocol or spec.model) and not own:
+        if (spec.protocol or spec.model) and not part_cells:
             raise file.error(f"{where}the exclusions leave no cell; exclude less.")
-        known = [cell.request for cell in cells]
-        cells += [cell for cell in own if cell.request not in known]
+        requests = [cell.request for cell in cells]
+        cells += [cell for cell in part_cells if cell.request not in requests]
     return tuple(cells)
 
 
@@ -264,7 +266,7 @@ def _combinations(spec: SweepSpec, host: PluginHost) -> Iterator[Mapping[str, st
 
 
 def _encoders(names: Iterable[str], model: ModelSpec, host: PluginHost) -> tuple[str, ...]:
-    """Return the encoders whose maps the model learns; "", its own, where there is none."""
+    """Return the encoders whose maps the model can learn; "", its default, where there is none."""
     if not model.uses_encoder:
         return ("",)
     usable = [
@@ -285,11 +287,11 @@ def _request(
 ) -> RunRequest:
     model, encoder, sensor = (read_choice(axes[kind]) for kind in ("model", "encoder", "sensor"))
     common = read_parameters(spec.params)
-    own = {"model": model, "encoder": encoder, "sensor": sensor}
+    choices = {"model": model, "encoder": encoder, "sensor": sensor}
     if not host.models[model.name].uses_encoder:
         common.pop("encoder", None)
     parameters = {
-        kind: {**common.get(kind, {}), **choice.parameters} for kind, choice in own.items()
+        kind: {**common.get(kind, {}), **choice.parameters} for kind, choice in choices.items()
     }
     data = spec.data.get(axes["protocol"], spec.data.get(ANY))
     test = read_test_options(spec.test)
@@ -314,7 +316,7 @@ def _request(
 
 
 def _check_names(file: SweepFile, spec: SweepSpec, host: PluginHost) -> None:
-    """Refuse a name or a parameter that does not exist."""
+    """Raise UserError where a name or a parameter does not exist."""
     regimes: dict[str, None] = {}
     for text in spec.protocol:
         loaded = load_protocol(resolve_protocol(file, text))
@@ -341,7 +343,7 @@ def _check_names(file: SweepFile, spec: SweepSpec, host: PluginHost) -> None:
 
 
 def _check_exclusions(spec: SweepSpec) -> None:
-    """Refuse an exclusion of what is not in the lists: it is a slip of the pen."""
+    """Raise UserError where an exclusion names a value that is not in the lists: a misprint."""
     for number, exclusion in enumerate(spec.exclude, start=1):
         for axis in AXES:
             listed = [str(value) for value in getattr(spec, axis)]
