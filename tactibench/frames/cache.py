@@ -35,12 +35,12 @@ from tactibench.records.identity import combined, digest
 
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")
-"""Files of a set: signals of all frames, (N, ...), and that of the undeformed sensor, (...); (N, 5)
-x, y mm, yaw, tilt deg, depth mm, or (N, 8) with dx, dy mm and dyaw deg where a press moved
+"""Files of a set: (N, ...) signals of all frames; (...) signal of the undeformed sensor; (N, 5)
+poses x, y mm, yaw, tilt deg, depth mm, or (N, 8) with dx, dy mm and dyaw deg where a press moved
 sideways."""
 REST_ARRAYS = ("rests", "rest_of")
 """Further files of a set whose frames are of several sensor instances: (K, ...) the different rest
-signals, and (N,) the number of each frame's own."""
+signals, and (N,) the number of the rest signal of each frame."""
 
 Chunk = dict[str, npt.NDArray[Any]]
 
@@ -50,14 +50,15 @@ class FrameRecipe:
     """All that determines a set of generated frames.
 
     Attributes:
-        name: of the set.
-        build: opens the sensor with a seed.
-        identity: of sensor, parameters and code, as JSON values.
-        scenes, names: of every press.
-        seed: root seed and spawn key of the sensor's randomness.
-        dome_radius: of the sensor's surface, mm, inf where it is flat; None: the protocol's.
-        secret: whether the seed is known to few and must not be written down.
-        longer: a recipe that begins with these presses and differs in nothing else; whole chunks
+        name: Name of the set.
+        build: Opens the sensor with a seed.
+        identity: Identity of sensor, parameters and code, as JSON values.
+        scenes: Scene of every press.
+        names: Name of every press.
+        seed: Root seed and spawn key of the sensor's randomness.
+        dome_radius: Radius of the sensor's surface, mm, inf where it is flat; None: the protocol's.
+        secret: Whether the seed is known to few and must not be written down.
+        longer: A recipe that begins with these presses and differs in nothing else; whole chunks
             are taken from its frames where they are in the cache. None: there is none.
     """
 
@@ -86,7 +87,7 @@ class FrameRecipe:
         )
 
     def content_hash(self, manifest: Mapping[str, Any]) -> str:
-        """Return a hash of frames, scenes and surface, whatever code made them."""
+        """Return a hash of frames, scenes and surface, which does not depend on the code."""
         scenes = digest([[_as_json(scene) for scene in self.scenes], self._surface])
         return combined([*(manifest[name] for name in _arrays_of(manifest)), scenes])
 
@@ -97,7 +98,7 @@ class FrameRecipe:
 
     @property
     def _surface(self) -> dict[str, Any]:
-        """Said only where it is not the protocol's, so that older keys stay what they were."""
+        """The surface; empty where it is the protocol's, so that older keys stay valid."""
         if self.dome_radius is None:
             return {}
         # An infinite radius has no meaning in JSON.
@@ -105,12 +106,12 @@ class FrameRecipe:
 
 
 def folder_of(cache: Path, key: str) -> Path:
-    """Return where the frames of a recipe's key are kept."""
+    """Return the folder in which the frames with a recipe's key are kept."""
     return cache / "frames" / key[:24]
 
 
 def is_cached(folder: Path) -> bool:
-    """Return whether the frames are there (they are verified when they are opened)."""
+    """Return whether the folder holds the frames (they are verified when they are opened)."""
     return (folder / MANIFEST).is_file()
 
 
@@ -133,12 +134,13 @@ def open_frames(
     Images are mapped from the disk, read-only.
 
     Args:
-        recipe: all that determines the frames.
-        cache: folder of all cached frames.
-        advance: is told how many presses were finished.
+        recipe: All that determines the frames.
+        cache: Folder of all cached frames.
+        advance: Called with the number of presses that were finished.
 
     Raises:
-        UserError: when the sensor does not make one frame of the rest frame's shape a scene.
+        UserError: The sensor does not make one frame per scene, or the frames do not have the shape
+            and the type of the rest frame.
     """
     folder = folder_of(cache, recipe.key)
     with locked(_beside(folder, ".lock")):
@@ -169,7 +171,7 @@ def open_frames(
 
 
 def _as_json(scene: Scene) -> tuple[Any, ...]:
-    """The scene as JSON values; several times faster than ``dataclasses.asdict``."""
+    """Return the scene as JSON values; several times faster than ``dataclasses.asdict``."""
     indenter, pose = scene.indenter, scene.pose
     # A plate's infinite radius has no meaning in JSON.
     radius = "plate" if indenter.is_plate else indenter.radius
@@ -180,7 +182,7 @@ def _as_json(scene: Scene) -> tuple[Any, ...]:
 
 
 def _intact_manifest(folder: Path, recipe: FrameRecipe) -> dict[str, Any] | None:
-    """The manifest, when it and every array are what they were when they were written."""
+    """Return the manifest; None where it is missing, or it or an array was changed."""
     try:
         manifest: dict[str, Any] = read_checked_json(folder / MANIFEST)
         intact = manifest["key"] == recipe.key and all(
@@ -192,7 +194,7 @@ def _intact_manifest(folder: Path, recipe: FrameRecipe) -> dict[str, Any] | None
 
 
 def _arrays_of(manifest: Mapping[str, Any]) -> tuple[str, ...]:
-    """The names of a set's files, those of several rest frames included where there are some."""
+    """Return the names of a set's files, with those of further rest signals where it has some."""
     return (*ARRAYS, *(name for name in REST_ARRAYS if name in manifest))
 
 
@@ -242,7 +244,7 @@ def _generate(
 
 
 def _stored_arrays(recipe: FrameRecipe, cache: Path) -> Chunk | None:
-    """The files of a set in the cache, frames mapped; None where it is not there or not intact."""
+    """Return the arrays of a set in the cache, frames mapped; None where it is not intact."""
     folder = folder_of(cache, recipe.key)
     manifest = _intact_manifest(folder, recipe)
     if manifest is None:
@@ -254,20 +256,20 @@ def _stored_arrays(recipe: FrameRecipe, cache: Path) -> Chunk | None:
 
 
 def _cut_chunk(longer: Chunk, start: int) -> Chunk:
-    """A whole chunk of a longer set, as ``_press`` returns it.
+    """Return a whole chunk of a longer set, as ``_press`` returns it.
 
     A chunk depends on its own presses and its number alone, so that the frames are the same.
     """
     rows = slice(start, start + CHUNK)
     images, poses = np.array(longer["frames"][rows]), longer["poses"][rows]
     numbers = longer[REST_ARRAYS[1]][rows] if REST_ARRAYS[1] in longer else np.zeros(CHUNK, int)
-    own = list(dict.fromkeys(int(number) for number in numbers if number))  # 0: the sensor's own
-    rests = [longer[REST_ARRAYS[0]][number] for number in own]
+    others = list(dict.fromkeys(int(number) for number in numbers if number))  # 0: the sensor's own
+    rests = [longer[REST_ARRAYS[0]][number] for number in others]
     return {
         "images": images,
         "poses": poses,
         "rests": np.array(rests, dtype=images.dtype),
-        "rest_of": np.array([own.index(k) if k else -1 for k in numbers], dtype=np.intp),
+        "rest_of": np.array([others.index(k) if k else -1 for k in numbers], dtype=np.intp),
     }
 
 
@@ -295,7 +297,7 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
 
 
 def _rests_of(frames: Sequence[Frame]) -> Chunk:
-    """The different rest frames of a chunk and the number of each frame's own, -1 for none."""
+    """Return the different rest signals of a chunk and the number of each frame's, -1 for none."""
     by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
     content = {key: rest.tobytes() for key, rest in by_array.items()}
     different = {content[key]: rest for key, rest in by_array.items()}
@@ -307,11 +309,11 @@ def _rests_of(frames: Sequence[Frame]) -> Chunk:
 
 
 def _join_rests(chunks: Sequence[Chunk], rest: Signal) -> Chunk:
-    """``REST_ARRAYS``, the sensor's own rest frame first; empty where no frame has another one."""
+    """Return ``REST_ARRAYS``, the sensor's own rest signal first; {} where no frame has another."""
     different = {rest.tobytes(): rest}
     rest_of = []
     for chunk in chunks:
-        keys = [own.tobytes() for own in chunk["rests"]]
+        keys = [array.tobytes() for array in chunk["rests"]]
         different.update(zip(keys, chunk["rests"], strict=True))
         order = {key: number for number, key in enumerate(different)}
         numbers = np.array([*(order[key] for key in keys), 0])  # the last one for frames without

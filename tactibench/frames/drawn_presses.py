@@ -42,7 +42,7 @@ from tactibench.records.bound_spec import BoundSpec
 Rows = dict[str, Sequence[int]]
 """Draw -> numbers of its presses."""
 FIRST_INSTANCE = 100
-"""Part of a draw that the first instance presses, beside those of ``protocols.split``."""
+"""Number of the part of a draw that the first instance presses; ``protocols.split`` has others."""
 FEW_SHOT = "shots"
 """Name of the labelled presses of the tested sensor."""
 
@@ -74,7 +74,7 @@ class GeneratedFrameSet(FrameSet):
         return open_frames(self.recipe, self.cache, advance)
 
     def open_sensor(self) -> Sensor:
-        """Return the sensor that makes the frames, to be asked."""
+        """Return the sensor that makes the frames, to be asked and not to be pressed."""
         return self.recipe.open_sensor(0)
 
 
@@ -83,10 +83,10 @@ class SensorFrames:
     """A sensor that makes the frames of a protocol's scenes.
 
     Attributes:
-        protocol: whose scenes are pressed.
-        component: the sensor.
-        cache: folder in which frames are kept.
-        secret: whether the protocol's data seed must not be written down.
+        protocol: Protocol whose scenes are pressed.
+        component: The sensor.
+        cache: Folder in which frames are kept.
+        secret: Whether the protocol's data seed must not be written down.
     """
 
     protocol: Protocol
@@ -110,12 +110,12 @@ class SensorFrames:
         return pressable(self.protocol, self.sensor)
 
     def open(self, seed: np.random.SeedSequence) -> Sensor:
-        """Return a sensor with that randomness."""
+        """Return a sensor with this seed."""
         sensor: Sensor = self.component.build(SensorContext(seed))
         return sensor
 
     def on_instance(self, instance: int) -> SensorFrames:
-        """Return another sensor of its make, pressed as this one."""
+        """Return the frames of another sensor of the same make, pressed as this one."""
         component = self.component
         values = {**component.values, INSTANCE: instance}
         return replace(self, component=BoundSpec(component.spec, values, component.origin))
@@ -141,14 +141,14 @@ class SensorFrames:
 
         Args:
             role: "fit", "validation", "test" or "few-shot".
-            name: of the draw or family.
-            scenes: of every frame.
-            names: of every frame, unique in the set.
-            part: number of the part of a draw; the frames of every part have noise of their own.
-            stream: of that noise; None: the draw's.
-            presses: of every frame; empty where each is a press of its own.
-            groups: of every frame, in the result tables; None: those of the draw.
-            apart: whether they are scored apart from the other test frames.
+            name: Name of the draw or family.
+            scenes: Scene of every frame.
+            names: Name of every frame, unique in the set.
+            part: Number of the part of a draw; the frames of every part have noise of their own.
+            stream: Random stream of that noise; None: the draw's.
+            presses: Press of every frame; empty where each is a press of its own.
+            groups: Group of every frame in the result tables; None: those of the draw.
+            apart: Whether the frames are scored apart from the other test frames.
         """
         radius = self.pressed.workspace.dome_radius_mm
         recipe = FrameRecipe(
@@ -230,7 +230,13 @@ class DrawnFrames(FrameSource):
         )
 
     def _fit_set(self, name: str, rows: Sequence[int], all_rows: Sequence[int]) -> FrameSet:
-        """Return frames to learn from, the first of those that a run on all presses has cached."""
+        """Return the frames of ``rows``, which begin those that a run on all presses has cached.
+
+        Args:
+            name: Name of the draw.
+            rows: Numbers of the presses to learn from, the first of ``all_rows``.
+            all_rows: Numbers of the presses that a run on all presses learns from.
+        """
         frames = self._frame_set(self.training, "fit", name, rows, FIT)
         if len(rows) == len(all_rows):
             return frames
@@ -238,7 +244,7 @@ class DrawnFrames(FrameSource):
         return replace(frames, recipe=replace(frames.recipe, longer=longer))
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the presses that the protocol tests, or as many as are asked for.
+        """Return the presses that the protocol tests, or as many as the request asks for.
 
         Presses that are scored apart come last; a test of a few presses has none of them.
         """
@@ -249,8 +255,8 @@ class DrawnFrames(FrameSource):
             count, seed = len(rows[split.draw]), self.testing.protocol.data_seed
             rows[split.draw] = split_presses(count, split, seed).test
         sets = [
-            self._frame_set(self.testing, "test", name, kept, TEST)
-            for name, kept in spread_over_sets(rows, self.request.test_count).items()
+            self._frame_set(self.testing, "test", name, chosen, TEST)
+            for name, chosen in spread_over_sets(rows, self.request.test_count).items()
         ]
         if self.request.test_count is None:
             sets += [frames for apart in self.spec.test.apart for frames in self._apart(apart)]
@@ -259,8 +265,9 @@ class DrawnFrames(FrameSource):
     def _apart(self, apart: ApartTest) -> Iterator[GeneratedFrameSet]:
         """Yield the frames of presses that are scored apart.
 
-        Instances press the scenes in turn, so that the conditions of a draw fall on all of them.
-        They are left out for a sensor that has none, and where one of them is the tested sensor.
+        Instances press the scenes in turn, so that every instance presses all conditions of a draw.
+        They are left out for a sensor without instances, and where the tested sensor is not the
+        nominal one.
         """
         for name in apart.sets:
             scenes = self.testing.draw(name).scenes
@@ -304,7 +311,7 @@ class DrawnFrames(FrameSource):
         )
 
     def rejected(self) -> int:
-        """Return how many candidates of the test draws geometry refused."""
+        """Return how many candidates of the test draws did not fit the workspace."""
         names = [name for name in self.spec.tested_draws if name != self.split.draw]
         return sum(self.testing.draw(name).rejected for name in names)
 

@@ -10,7 +10,7 @@ def frame_source(request: FrameRequest) -> FrameSource:
     """Return the source that a request asks for.
 
     Raises:
-        UserError: where the sensor has not the frames that the protocol asks for.
+        UserError: The sensor does not have the frames that the protocol asks for.
     """
     spec, sensor = request.spec, request.sensor
     if spec.transfer is not None:

@@ -1,8 +1,8 @@
 """Faults of a camera or its light: pure functions of a frame, an amount and a generator.
 
 Images are (H, W) or (H, W, 3) uint8 and are never changed in place. The amount 0 (of ``gain``: 1)
-leaves every frame as it is. What a fault draws at random does not depend on its amount: a greater
-one loses the same pins and more, shifts further in the same direction.
+leaves every frame as it is. The random numbers of a fault do not depend on its amount: a greater
+amount loses the same pins and more, or shifts further in the same direction.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Generator = np.random.Generator
 MIDDLE = 0.6
 """Share of either side, around the middle, in which spots and patches have their centres."""
 SPREAD = 0.8
-"""The same of spurious blobs."""
+"""Share of either side, around the middle, in which spurious blobs have their centres."""
 BLOB_EDGE = 2
 """Pixels around a blob that its soft edge reaches."""
 WINDOW = 8
@@ -44,7 +44,7 @@ def blur(image: Image, sigma: float) -> Image:
 
 
 def add_noise(image: Image, deviation: float, rng: Generator) -> Image:
-    """Add Gaussian noise of that many grey levels rms, beyond the frame's own."""
+    """Add Gaussian noise of ``deviation`` grey levels rms to the frame's own noise."""
     return _to_levels(image + deviation * rng.standard_normal(image.shape))
 
 
@@ -65,7 +65,7 @@ def add_glare(image: Image, radius: float, rng: Generator) -> Image:
 def drift_gain(image: Image, amount: float, rng: Generator) -> Image:
     """Apply a gain that drifts along the frame: 1 - amount at one edge, 1 + amount at the other.
 
-    Linear in a direction drawn for each frame; 1 in the middle.
+    It is linear in a direction that is drawn for each frame, and 1 in the middle.
     """
     turn = rng.uniform(0, 2 * math.pi)
     height, width = image.shape[:2]
@@ -93,7 +93,7 @@ def occlude(image: Image, side: float, rng: Generator) -> Image:
 
 
 def remove_pins(image: Image, share: float, rng: Generator) -> Image:
-    """Paint round(share x pins) pins over by what is around them: they lost their white tip.
+    """Paint over round(share x pins) pins, as if they had lost their white tip.
 
     Pins are the bright blobs of the frame itself.
     """
@@ -128,9 +128,9 @@ def move(image: Image, right: float, down: float) -> Image:
 
 
 def rotate(image: Image, degrees: float) -> Image:
-    """Rotate the image about its middle by so much, x towards y.
+    """Rotate the image about its middle by ``degrees``, x towards y.
 
-    Cubic splines between the pixels, around the frame's middle; the border is repeated.
+    Cubic splines between the pixels; what comes into view repeats the border.
     """
     from scipy.ndimage import affine_transform
 
@@ -168,7 +168,7 @@ def _place(rng: Generator, image: Image, share: float) -> Levels:
 
 
 def _from(image: Image, place: Levels) -> tuple[Levels, Levels]:
-    """Return (H, W) px down and right of a place."""
+    """Return how far every pixel lies below and to the right of a place, (H, W) px each."""
     rows, columns = (np.arange(n, dtype=np.float64) for n in image.shape[:2])
     down, right = np.meshgrid(rows - place[0], columns - place[1], indexing="ij")
     return down, right
@@ -180,10 +180,10 @@ def _over(plane: Levels, image: Image) -> Levels:
 
 
 def label_pins(image: Image) -> tuple[Labels, int]:
-    """Return (H, W) the number of the bright blob at every pixel, 0 for none, and their count.
+    """Return the (H, W) number of the bright blob at every pixel, 0 for none, and their count.
 
-    Brighter than Otsu's threshold (IEEE Trans. SMC 9, 1979), joined by sides; none in a frame whose
-    contrast is too small to hold pins.
+    Blobs are brighter than Otsu's threshold (IEEE Trans. SMC 9, 1979); their pixels are joined by
+    sides. A frame whose contrast is too small to hold pins has none.
     """
     import cv2
 
@@ -193,10 +193,10 @@ def label_pins(image: Image) -> tuple[Labels, int]:
     _, bright = cv2.threshold(level, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     _, labels = cv2.connectedComponents(bright, connectivity=4, ltype=cv2.CV_32S)
     area = np.bincount(labels.ravel())
-    kept = np.flatnonzero(area[1:] >= SMALLEST_BLOB * np.median(area[1:])) + 1
+    pins = np.flatnonzero(area[1:] >= SMALLEST_BLOB * np.median(area[1:])) + 1
     number = np.zeros(len(area), np.int32)
-    number[kept] = np.arange(1, len(kept) + 1)
-    return number[labels], len(kept)
+    number[pins] = np.arange(1, len(pins) + 1)
+    return number[labels], len(pins)
 
 
 def paint_over(
@@ -204,7 +204,13 @@ def paint_over(
 ) -> Image:
     """Return the image with blobs painted over by pixels drawn from the dark ones around each.
 
-    Noise and shading of the gel stay what they are there.
+    The noise and the shading of the gel around a blob stay the same.
+
+    Args:
+        image: The image.
+        labels: (H, W) number of the blob at every pixel, 0 for none.
+        which: Numbers of the blobs to paint over.
+        rng: Draws the pixels.
     """
     import cv2
 
@@ -214,16 +220,16 @@ def paint_over(
     if not dark.any():
         dark = labels == 0
     for number in which:
-        own = labels == number
-        rows, columns = np.nonzero(own)
+        pin = labels == number
+        rows, columns = np.nonzero(pin)
         window = (
             slice(max(0, rows.min() - WINDOW), rows.max() + WINDOW + 1),
             slice(max(0, columns.min() - WINDOW), columns.max() + WINDOW + 1),
         )
-        blob = cv2.dilate(own[window].astype(np.uint8), square) > 0
-        blob &= (labels[window] == 0) | own[window]
-        here = dark[window] if dark[window].any() else labels[window] == 0
-        out[window][blob] = rng.choice(image[window][here], int(blob.sum()))
+        blob = cv2.dilate(pin[window].astype(np.uint8), square) > 0
+        blob &= (labels[window] == 0) | pin[window]
+        around = dark[window] if dark[window].any() else labels[window] == 0
+        out[window][blob] = rng.choice(image[window][around], int(blob.sum()))
     return out
 
 
@@ -252,4 +258,4 @@ FAULTS: Mapping[str, Callable[[Image, float, Generator], Image]] = {
     "shift": _shift_somewhere,
     "rotation": _rotate_either_way,
 }
-"""By the name that a protocol gives it: image, amount, generator -> image."""
+"""Name of a fault in a protocol -> function of an image, an amount and a generator."""

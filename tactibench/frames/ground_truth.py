@@ -1,7 +1,7 @@
-"""The knowledge that only a simulator has of its frames: surfaces, smallest errors, its own error.
+"""Facts that only a simulator knows of its frames: surfaces, smallest errors, its own error.
 
-The first two are kept beside the frames. The folder's key holds the sensor's code and tables, so a
-file in it is of this simulator.
+The first two are kept beside the frames. The folder's key holds the sensor's code and tables, so
+that a file in it always belongs to this simulator.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def true_surfaces(sensor: Sensor, presses: Presses, grid: Grid) -> npt.NDArray[np.float16] | None:
-    """Return (N, H, W) mm inward displacement of the skin; None where the sensor knows none."""
+    """Return the (N, H, W) inward displacement of the skin, mm; None where it is not known."""
     place = digest([grid.shape, grid.origin, grid.pitch])[:12]
 
     def compute() -> Arrays | None:
@@ -36,7 +36,7 @@ def true_surfaces(sensor: Sensor, presses: Presses, grid: Grid) -> npt.NDArray[n
 
 
 def true_bounds(sensor: Sensor, presses: Presses) -> FloatArray | None:
-    """Return (M, 3) mm Cramer-Rao standard deviations of x, y and depth of all M contacts.
+    """Return the (M, 3) Cramer-Rao standard deviations of x, y, depth of all M contacts, mm.
 
     None where the sensor knows none.
     """
@@ -50,7 +50,7 @@ def true_bounds(sensor: Sensor, presses: Presses) -> FloatArray | None:
 
 
 def simulator_error(frames: FrameSet) -> dict[str, Any] | None:
-    """Return what a record says of the simulator's own error in a set of frames.
+    """Return the simulator's own error in a set of frames, as a record states it.
 
     These are the values of ``records.record.SimulatorError``; None where no sensor made the frames.
     """
@@ -58,14 +58,14 @@ def simulator_error(frames: FrameSet) -> dict[str, Any] | None:
     if sensor is None:
         return None
     bounds = sensor.error_bounds(frames.scenes)
-    known = np.zeros(0) if bounds is None else bounds[np.isfinite(bounds)]
+    finite = np.zeros(0) if bounds is None else bounds[np.isfinite(bounds)]
     median, p95, largest = (
-        (round(float(np.quantile(known, q)), 4) if len(known) else None) for q in (0.5, 0.95, 1.0)
+        (round(float(np.quantile(finite, q)), 4) if len(finite) else None) for q in (0.5, 0.95, 1.0)
     )
     return {
         "name": frames.name,
         "scenes": len(frames.scenes),
-        "unknown": len(frames.scenes) - len(known),
+        "unknown": len(frames.scenes) - len(finite),
         "median_mm": median,
         "p95_mm": p95,
         "max_mm": largest,
@@ -74,7 +74,7 @@ def simulator_error(frames: FrameSet) -> dict[str, Any] | None:
 
 
 def true_limits(sensor: Sensor, presses: Presses) -> FloatArray | None:
-    """Return the (N,) mm two-point limits of the presses, nan for those that were not asked.
+    """Return the (N,) two-point limits of the presses, mm, nan where none was computed.
 
     None where the sensor knows none.
     """
@@ -90,7 +90,7 @@ def true_limits(sensor: Sensor, presses: Presses) -> FloatArray | None:
 def _for_all(
     presses: Presses, compute: Callable[[Scene], FloatArray | None]
 ) -> list[FloatArray] | None:
-    """The sensor's knowledge of every press; None as soon as it knows nothing of one."""
+    """Return an array for every press; None as soon as the sensor knows nothing of a press."""
     arrays = []
     for scene in presses.reached():
         array = compute(scene)
@@ -101,7 +101,7 @@ def _for_all(
 
 
 def _cached(presses: Presses, name: str, compute: Callable[[], Arrays | None]) -> Arrays | None:
-    """The arrays of a file beside the frames, computed where it is missing or damaged."""
+    """Return the arrays of a file beside the frames, computed where it is missing or damaged."""
     path = None if presses.folder is None else presses.folder / name
     arrays = None if path is None else read_checked_arrays(path)
     if arrays is None:

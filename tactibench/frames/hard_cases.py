@@ -29,15 +29,20 @@ from tactibench.records.files import arrays_hash
 from tactibench.records.identity import combined, digest
 
 PART = 5
-"""Part of a family, beside those of ``protocols.split`` and of reference frames."""
+"""Number of the part, whose frames have noise of their own: not used by ``protocols.split`` or for
+reference frames."""
 FAULT_STREAM = 1_000
-"""Last word of the spawn key behind the faults of a press; the others stand behind its scene."""
+"""Last word of the spawn key of a press's fault; the key of a scene has no such word."""
 
 
 class Row(NamedTuple):
     """One frame: a press of one case of a family.
 
-    untouched: whether the fault is done to a frame in which nothing presses.
+    Attributes:
+        family: Name of the family.
+        value: Value of the case.
+        press: Number of the press in the case.
+        untouched: Whether the fault is done to a frame in which nothing presses.
     """
 
     family: str
@@ -60,10 +65,11 @@ class HardCaseFrames(DrawnFrames):
     """The cases of all families of a protocol; the training presses are drawn as usual."""
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the frames of all families, in their order, or as many as are asked for.
+        """Return the frames of all families, in their order, or as many as the request asks for.
 
         Raises:
-            UserError: for a sensor that cannot be set as a family asks, or that has no dome.
+            UserError: The request asks for reference scenes, or the sensor has no camera, has no
+                dome, or cannot be set as a family asks.
         """
         if self.request.reference:
             raise UserError(
@@ -81,10 +87,10 @@ class HardCaseFrames(DrawnFrames):
                 f"protocol {self.spec.id!r} presses a dome as far as its edge, but sensor "
                 f"{self.testing.component.name!r} is flat; take a sensor with a dome."
             )
-        kept = spread(self._rows, self.request.test_count)
+        chosen = spread(self._rows, self.request.test_count)
         sets: list[FrameSet] = []
         for untouched_frames in (False, True):
-            of_kind = [row for row in kept if row.untouched == untouched_frames]
+            of_kind = [row for row in chosen if row.untouched == untouched_frames]
             for family in self.spec.families:
                 rows = [row for row in of_kind if row.family == family.name]
                 if rows:
@@ -92,7 +98,7 @@ class HardCaseFrames(DrawnFrames):
         return tuple(sets)
 
     def rejected(self) -> int:
-        """Return 0: every case is made so that it fits."""
+        """Return 0: every case is made to fit the workspace."""
         return 0
 
     @cached_property
@@ -117,9 +123,9 @@ class HardCaseFrames(DrawnFrames):
         # each its values.
         faults = [self.spec.family(name) for name in cases.untouched]
         for press in range(self._presses(self.spec.family(cases.empty))):
-            turn, which = divmod(press, len(faults))
-            values = faults[which].values
-            rows.append(Row(faults[which].name, values[turn % len(values)], press, True))
+            turn, number = divmod(press, len(faults))
+            values = faults[number].values
+            rows.append(Row(faults[number].name, values[turn % len(values)], press, True))
         return rows
 
     @property
@@ -141,14 +147,14 @@ class HardCaseFrames(DrawnFrames):
         ]
 
     def _pressed(self, family: Family, rows: Sequence[Row]) -> FrameSet:
-        """Scenes of the family's own."""
+        """Return the frames of the family's own scenes."""
         scenes = [self._scene(family, row.value, row.press) for row in rows]
         presses = [f"{family.name}-{row.press}" for row in rows]
         frames = self._with_parameters(family, family.sensor)
         return self._frame_set_of(frames, family, rows, scenes, presses)
 
     def _on_another_sensor(self, family: Family, value: float, rows: Sequence[Row]) -> FrameSet:
-        """Scenes of the base family on a sensor with another parameter."""
+        """Return the frames of the base family's scenes on a sensor with another parameter."""
         base = self._base
         scenes = [self._scene(base, base.values[0], row.press) for row in rows]
         presses = [f"{base.name}-{row.press}" for row in rows]
@@ -156,21 +162,21 @@ class HardCaseFrames(DrawnFrames):
         return self._frame_set_of(frames, family, rows, scenes, presses)
 
     def _faulty(self, family: Family, rows: Sequence[Row]) -> FrameSet:
-        """Frames of the base family, or those in which nothing presses, with a fault."""
+        """Return frames of the base family, or those in which nothing presses, with a fault."""
         base = self._base
         if rows[0].untouched:
             assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
             base = self.spec.family(str(self.spec.cases.empty))
         count = self._presses(base)
-        whole = self._pressed(base, [Row(base.name, base.values[0], k) for k in range(count)])
+        frames = self._pressed(base, [Row(base.name, base.values[0], k) for k in range(count)])
         return FaultyFrameSet(
             role="test",
             name=untouched(family.name) if rows[0].untouched else family.name,
-            scenes=tuple(whole.scenes[row.press] for row in rows),
+            scenes=tuple(frames.scenes[row.press] for row in rows),
             groups=tuple(row.group for row in rows),
             names=tuple(row.name for row in rows),
-            presses=tuple(whole.presses[row.press] for row in rows),
-            base=whole,
+            presses=tuple(frames.presses[row.press] for row in rows),
+            base=frames,
             fault=str(family.fault),
             seed=(self.testing.protocol.data_seed, family.stream),
             rows=tuple(rows),
@@ -196,7 +202,15 @@ class HardCaseFrames(DrawnFrames):
         )
 
     def _with_parameters(self, family: Family, given: dict[str, str]) -> SensorFrames:
-        """Return the sensor with other parameters. Raises UserError for those it does not have."""
+        """Return the sensor with other parameters.
+
+        Args:
+            family: The family, for the error.
+            given: Parameter -> value as text.
+
+        Raises:
+            UserError: The sensor does not have a parameter, or does not allow its value.
+        """
         frames, protocol = self.testing, self.request.protocol
         if not given:
             return frames
@@ -204,13 +218,13 @@ class HardCaseFrames(DrawnFrames):
         try:
             changed = component.spec.settings(given)
         except UserError as error:
-            what = f"family {family.name!r} of protocol {protocol.name!r} changes the sensor"
+            change = f"family {family.name!r} of protocol {protocol.name!r} changes the sensor"
             if protocol.archived:
                 raise UserError(
-                    f"{what} in a way that is no longer there; results of this version can be "
+                    f"{change} in a way that is no longer there; results of this version can be "
                     f"read, and `run {self.spec.id}` runs the present one."
                 ) from None
-            raise UserError(f"{what}: {error}") from None
+            raise UserError(f"{change}: {error}") from None
         values = {**component.values, **{name: changed[name] for name in given}}
         return replace(frames, component=BoundSpec(component.spec, values, component.origin))
 
@@ -225,11 +239,11 @@ class FaultyFrameSet(FrameSet):
     """Frames of the base family with a fault each; the rest frame stays as it was.
 
     Attributes:
-        base: the frames before the fault.
-        fault: its name in ``FAULTS``.
-        seed: data seed and stream of its random numbers. Press k has the same ones for every
+        base: The frames before the fault.
+        fault: Name of the fault in ``FAULTS``.
+        seed: Data seed and stream of its random numbers. Press k has the same ones for every
             value, so that a greater value is the same fault, grown.
-        rows: of every frame, its case and the number of its press.
+        rows: Case and number of the press of every frame.
     """
 
     base: FrameSet
@@ -248,28 +262,28 @@ class FaultyFrameSet(FrameSet):
         return self.base.cached
 
     def open_sensor(self) -> Sensor | None:
-        """Return the sensor of the base frames, to be asked."""
+        """Return the sensor of the base frames, to be asked and not to be pressed."""
         return self.base.open_sensor()
 
     def open(self, advance: Advance) -> Presses:
         """Return the base frames with their faults."""
-        whole = self.base.open(lambda _: None)
+        presses = self.base.open(lambda _: None)
         data_seed, stream = self.seed
         frames: list[Frame] = []
         for row in self.rows:
             key = (stream, row.press, FAULT_STREAM)
             rng = np.random.default_rng(np.random.SeedSequence(data_seed, spawn_key=key))
-            frame = whole.frames[row.press]
+            frame = presses.frames[row.press]
             image = FAULTS[self.fault](np.array(frame.image), row.value, rng)
             image.setflags(write=False)
             frames.append(replace(frame, signal=image))
             advance(1)
         images = arrays_hash({"images": np.stack([frame.image for frame in frames])})
         return Presses(
-            whole.name,
+            presses.name,
             self.scenes,
             frames,
             self.names,
-            combined([whole.hash, images, *self.names]),
-            dome_radius=whole.dome_radius,
+            combined([presses.hash, images, *self.names]),
+            dome_radius=presses.dome_radius,
         )

@@ -1,4 +1,4 @@
-"""Scenes of hard cases: one value of a family changes the scene, everything else stays.
+"""Scenes of hard cases: one value of a family changes the scene, everything else stays the same.
 
 All cases of a family draw press k from the same random numbers, so that a case differs from the
 easy one in its value alone wherever the workspace allows it, and errors can be paired press by
@@ -30,13 +30,13 @@ def case_scene(
     """Return one press of a case.
 
     Args:
-        family: of the case.
-        value: of the case, graded from easy to hard.
-        workspace: in which the tips lie.
-        seed: of the press, the same for every value of the family.
+        family: Family of the case.
+        value: Value of the case, graded from easy to hard.
+        workspace: Workspace in which the tips lie.
+        seed: Seed of the press, the same for every value of the family.
 
     Raises:
-        UserError: when the workspace leaves (almost) no room for it.
+        UserError: The workspace leaves (almost) no room for the press.
     """
     rng = np.random.default_rng(seed)
     kind = str(family.press)
@@ -57,10 +57,17 @@ def case_scene(
 def scene_of_depths(
     xy: FloatArray, depth: FloatArray, radius: float, dome_radius: float, name: str
 ) -> Scene:
-    """Return the scene in which tips at xy (K, 2) mm reach these depths (K,) mm.
+    """Return the scene in which all tips reach the given depths at once.
 
     A tip at distance rho from the axis first touches at sqrt((R_d + R)^2 - rho^2) (on a flat pad at
-    0), so it is made longer by depth_k minus that, up to what all tips share.
+    0), so it is made longer by depth_k minus that, up to a constant that all tips share.
+
+    Args:
+        xy: (K, 2) axis of every tip, mm.
+        depth: (K,) depth of every tip, mm.
+        radius: Radius R of the tips, mm.
+        dome_radius: Radius R_d of the dome, mm; inf: a flat pad.
+        name: Name of the indenter.
     """
     longer = depth - _first_touch(xy, dome_radius + radius)
     middle = xy.mean(axis=0)
@@ -71,14 +78,21 @@ def scene_of_depths(
 
 
 def _moved(scene: Scene, way: float, rng: np.random.Generator) -> Scene:
-    """Return the scene reached by a way sideways, mm, in any direction."""
+    """Return the scene reached by moving ``way`` mm sideways, in a direction that is drawn."""
     turn = rng.uniform(0, 2 * math.pi)
     pose = replace(scene.pose, dx=way * math.cos(turn), dy=way * math.sin(turn))
     return replace(scene, pose=pose)
 
 
 def _first_touch(xy: FloatArray, reach: float) -> FloatArray:
-    """(K,) height at which each tip of equal length first touches, mm; 0 beside the dome."""
+    """Return the (K,) height at which each tip of equal length first touches, mm.
+
+    It is 0 beside the dome.
+
+    Args:
+        xy: (K, 2) axis of every tip, mm.
+        reach: Sum of the radii of dome and tip, mm; inf: a flat pad.
+    """
     if math.isinf(reach):
         return np.zeros(len(xy))
     height: FloatArray = np.sqrt(np.maximum(reach**2 - (xy**2).sum(axis=1), 0.0))
@@ -100,35 +114,35 @@ def _pair(middle: FloatArray, apart: float, turn: float) -> FloatArray:
 
 
 def _nothing(_: Family, _value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """A tip that touches the skin and does not press it."""
+    """Return a tip that touches the skin and does not press it."""
     return _anywhere(space, rng)[None], np.zeros(1)
 
 
 def _single(_: Family, _value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """One tip, as `exp1` presses: place and depth uniform over the workspace."""
+    """Return one tip, as `exp1` presses: place and depth uniform over the workspace."""
     xy = _anywhere(space, rng)[None]
     return xy, rng.uniform(space.depth_min_mm, space.depth_max_mm, 1)
 
 
 def _at_depth(_: Family, value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """One tip; value: its depth, mm."""
+    """Return one tip of depth ``value``, mm."""
     return _anywhere(space, rng)[None], np.array([value])
 
 
 def _between(family: Family, _value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """One tip of a depth in a range; value: its radius or its way sideways, mm."""
+    """Return one tip of a depth in a range; the value is its radius or its way sideways, mm."""
     return _anywhere(space, rng)[None], np.array([_depth(family, rng)])
 
 
 def _off_axis(family: Family, value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """One tip; value: distance of its axis from the dome's, in units of the dome's radius."""
+    """Return one tip whose axis is ``value`` times the dome's radius away from the dome's axis."""
     turn = rng.uniform(0, 2 * math.pi)
     away = value * space.dome_radius_mm * np.array([[math.cos(turn), math.sin(turn)]])
     return away, np.array([_depth(family, rng)])
 
 
 def _distance(family: Family, value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """Two tips of equal height, as `exp2` presses; value: their distance, mm."""
+    """Return two tips of equal height, as `exp2` presses, at distance ``value``, mm."""
     middle, turn = _anywhere(space, rng), rng.uniform(0, math.pi)
     deepest = rng.uniform(space.depth_min_mm, space.depth_max_mm)
     xy = _pair(middle, value, turn)
@@ -138,19 +152,22 @@ def _distance(family: Family, value: float, space: Workspace, rng: np.random.Gen
 
 
 def _equal(family: Family, value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """Two tips of equal depth; value: their distance, mm."""
+    """Return two tips of equal depth at distance ``value``, mm."""
     middle, turn = _anywhere(space, rng), rng.uniform(0, math.pi)
     return _pair(middle, value, turn), np.full(2, _depth(family, rng))
 
 
 def _symmetric(family: Family, value: float, _: Workspace, rng: np.random.Generator) -> Tips:
-    """The same around the apex, along a row, a column or a diagonal of the image."""
+    """Return two tips of equal depth around the apex at distance ``value``, mm.
+
+    They lie along a row, a column or a diagonal of the image.
+    """
     turn = float(rng.integers(4)) * math.pi / 4
     return _pair(np.zeros(2), value, turn), np.full(2, _depth(family, rng))
 
 
 def _beside(family: Family, value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """A deep tip and another; value: the other's share of its depth."""
+    """Return a deep tip and another one, whose depth is ``value`` times that of the first."""
     middle, turn = _anywhere(space, rng), rng.uniform(0, 2 * math.pi)
     return _pair(middle, family.apart_mm or math.nan, turn), _depth(family, rng) * np.array(
         [1.0, value]
@@ -158,7 +175,7 @@ def _beside(family: Family, value: float, space: Workspace, rng: np.random.Gener
 
 
 def _ring(family: Family, value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """Tips at equal steps of a circle, of depths of their own; value: how many."""
+    """Return ``value`` tips at equal steps of a circle, each of its own depth."""
     count, ring = round(value), family.ring_mm or math.nan
     room = max(space.half_width_mm - ring, 0.0)
     middle, turn = rng.uniform(-room, room, 2), rng.uniform(0, 2 * math.pi)
@@ -180,4 +197,4 @@ CANDIDATES: Mapping[str, Candidate] = {
     "beside": _beside,
     "ring": _ring,
 }
-"""The change that a value makes of the scene, by the name that a protocol gives it."""
+"""Kind of press in a protocol -> function that draws the tips of a candidate."""

@@ -11,8 +11,8 @@ from tactibench.errors import UserError
 from tactibench.plugins.base import ModelContext
 
 DEEPEST = 1.5
-"""Depths up to this share of the deepest press are taken: a tip may end a little deeper than asked.
-Labels in another unit than mm are at least ten times off."""
+"""Depths up to this multiple of the deepest press are accepted: a tip may end a little deeper than
+asked. Labels in another unit than mm are at least ten times off."""
 SHALLOWEST = 0.02
 """Labels whose deepest is below this share of the deepest press are not in mm."""
 
@@ -23,14 +23,14 @@ def check_labelled(
     """Refuse labelled presses that would teach a model something wrong.
 
     Args:
-        frames: of the tested sensor.
-        truth: of every frame.
-        tested: a frame of the test.
-        context: what the model answers, on which grid and down to which depth.
+        frames: Frames of the tested sensor.
+        truth: Label of every frame.
+        tested: A frame of the test.
+        context: Kind of answer, grid and largest depth of the model.
 
     Raises:
-        UserError: for no press, a label that is missing, a frame of another sensor, and labels in
-            another unit than millimetres.
+        UserError: There is no press, a label is missing, a frame is of another sensor, or a label
+            is outside of the sensor or in another unit than millimetres and degrees.
     """
     if not len(frames) or len(frames) != len(truth):
         raise UserError(

@@ -4,7 +4,7 @@ A recorded press belongs to a draw when the protocol could have drawn it. The pr
 indenter are divided by press: of those of the split's draw the same shares train, validate and test
 as in the protocol, and other tested draws of that kind are taken from the tested share. A kind that
 is both trained on and tested otherwise is halved. A recording with a split of its own is divided by
-that instead.
+its own split instead.
 """
 
 from __future__ import annotations
@@ -29,9 +29,11 @@ class Match:
     """Rows of a recording by role and draw.
 
     Attributes:
-        fit, validation, test: rows that train, validate and test.
-        lacking: draws that the protocol needs and nothing was recorded for.
-        left_out: how many rows belong to no draw.
+        fit: Rows that train.
+        validation: Rows that validate.
+        test: Rows that test.
+        lacking: Draws that the protocol needs and for which nothing was recorded.
+        left_out: Number of rows that belong to no draw.
     """
 
     fit: Rows
@@ -76,12 +78,12 @@ def match(
     """Divide recorded presses between what a protocol trains on and tests.
 
     Args:
-        protocol: whose draws are looked for, on the recorded sensor's surface.
-        split: of the protocol.
-        regime: name of the training regime.
-        scenes: of every row.
-        presses: of every row, the press that it belongs to.
-        parts: of every row, its part of the recording's own split; None: it has none.
+        protocol: Protocol whose draws are looked for, on the recorded sensor's surface.
+        split: Split of the protocol.
+        regime: Name of the training regime.
+        scenes: Scene of every row.
+        presses: Press that every row belongs to.
+        parts: Part of every row in the recording's own split; None: it has no split.
     """
     extra, tested = protocol.regimes[regime], protocol.test.sets
     needed = list(dict.fromkeys([split.draw, *extra, *tested]))
@@ -97,7 +99,14 @@ def match(
     order = _shuffled_order(sorted(set(presses)), protocol.data_seed)
 
     def share(name: str, low: float, high: float, part: str) -> list[int]:
-        """The rows whose press lies in this share of the pool's presses, or is of this part."""
+        """Return the rows whose press lies in a share of the pool's presses, or in a part.
+
+        Args:
+            name: Name of the draw.
+            low: Beginning of the share, of all presses.
+            high: End of the share, of all presses.
+            part: Part of the recording's own split, where it has one.
+        """
         if parts is not None:
             return [row for row in pools[name] if parts[row] == part]
         pool_presses = sorted({presses[row] for row in pools[name]}, key=order.__getitem__)
@@ -105,8 +114,8 @@ def match(
         chosen = set(pool_presses[first:last])
         return [row for row in pools[name] if presses[row] in chosen]
 
-    whole = protocol.draw(split.draw).count or 1
-    end, start = split.test / whole, (split.test + split.validation) / whole
+    total = protocol.draw(split.draw).count or 1
+    end, start = split.test / total, (split.test + split.validation) / total
     fit = {split.draw: share(split.draw, start, 1.0, "train")}
     validation = {split.draw: share(split.draw, end, start, "validation")}
     test = {}
@@ -126,7 +135,7 @@ def match(
 
 
 def describe_range(scenes: Sequence[Scene]) -> str:
-    """Return where presses are: "x -3.1 to 2.9, y 0 to 5, depth 141 to 145 mm"."""
+    """Return the range of presses in words: "x -3.1 to 2.9, y 0 to 5, depth 141 to 145 mm"."""
     poses = [scene.pose for scene in scenes]
     ranges = (
         f"{name} {min(values):.3g} to {max(values):.3g}"
@@ -140,7 +149,7 @@ def describe_range(scenes: Sequence[Scene]) -> str:
 
 
 def describe_draw(draw: Draw) -> str:
-    """Return what a draw is pressed with: "two tips of radius 3 mm 6.5 to 12 mm apart"."""
+    """Return the indenter of a draw in words: "two tips of radius 3 mm 6.5 to 12 mm apart"."""
     tips = {"single": "one spherical tip", "dual": "two tips", "triple": "three tips"}
     kind = tips.get(draw.indenter, f"{draw.tips} tips on the holder {draw.name!r}")
     text = f"{kind} of radius {draw.radius_mm:g} mm"
@@ -156,13 +165,16 @@ def _is_among(value: float, allowed: Sequence[float]) -> bool:
 
 
 def _edge(share: float, count: int) -> int:
-    """At least one press on either side of an edge inside, where there are so many."""
+    """Return the number of presses before the edge at a share of ``count`` presses.
+
+    An edge inside has at least one press on either side, where there are so many.
+    """
     inside = 0 < share < 1
     return min(max(round(share * count), int(inside)), count)
 
 
 def _shuffled_order(presses: Sequence[str], data_seed: int) -> Mapping[str, int]:
-    """Press -> place in a seeded permutation."""
+    """Return press -> place in a seeded permutation."""
     seed = np.random.SeedSequence(data_seed, spawn_key=(SPLIT_STREAM,))
     places = np.random.default_rng(seed).permutation(len(presses))
     return dict(zip(presses, places.tolist(), strict=True))

@@ -16,12 +16,13 @@ class Presses:
     """Frames with their scenes, in order.
 
     Attributes:
-        name: of the set.
-        scenes, frames: what was pressed, and what the sensor saw.
-        names: of every frame, unique in the set.
-        hash: of frames and scenes.
-        folder: where the frames are cached; None where they are not.
-        dome_radius: of the pressed surface, mm, inf where it is flat; None: the protocol's.
+        name: Name of the set.
+        scenes: Scene of every frame.
+        frames: The frames that the sensor made.
+        names: Name of every frame, unique in the set.
+        hash: Hash of frames and scenes.
+        folder: Folder in which the frames are cached; None where they are not.
+        dome_radius: Radius of the pressed surface, mm, inf where it is flat; None: the protocol's.
     """
 
     name: str
@@ -36,11 +37,11 @@ class Presses:
         return len(self.scenes)
 
     def truth(self, answer: str, dome_radius: float) -> list[Answer]:
-        """Return what a model should answer, from the poses actually reached.
+        """Return the answers that a model should give, from the poses actually reached.
 
         Args:
             answer: "contacts" or "plate".
-            dome_radius: of the protocol, mm; the sensor's own radius goes before it.
+            dome_radius: Radius of the protocol's dome, mm; the sensor's own radius goes before it.
         """
         if answer == "plate":
             return [plate_pose(scene) for scene in self.reached()]

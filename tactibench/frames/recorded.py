@@ -54,11 +54,12 @@ class Recording:
     """The frames of a recorded folder as a run reads them.
 
     Attributes:
-        sensor: reads the frames.
-        identity: all that determines them.
-        names, scenes, presses: of every frame; frames of one press share it.
-        parts: of every frame, its part of the recording's own split, "" for none; None: it has no
-            split.
+        sensor: The sensor that reads the frames.
+        identity: All that determines the frames.
+        names: Name of every frame.
+        scenes: Scene of every frame.
+        presses: Press of every frame; frames of one press share it.
+        parts: Part of every frame in the recording's own split, "" for none; None: it has no split.
     """
 
     sensor: Sensor
@@ -80,13 +81,14 @@ class Recording:
         """Return the recording in a folder; for a protocol of plates, the plate presses alone.
 
         Args:
-            protocol: whose presses are looked for.
-            component: the sensor that reads the folder.
-            folder: of the recording.
-            indentation: whether depths must mean the same on every sensor.
+            protocol: Protocol whose presses are looked for.
+            component: The sensor that reads the folder.
+            folder: Folder of the recording.
+            indentation: Whether depths must mean the same on every sensor.
 
         Raises:
-            UserError: where the sensor names no presses, or no plate was pressed.
+            UserError: The sensor names no presses, or the protocol needs plates and none was
+                pressed.
         """
         seed = np.random.SeedSequence(0)
         sensor: Sensor = component.build(SensorContext(seed, folder, indentation=indentation))
@@ -123,7 +125,7 @@ class Recording:
         )
 
     def contents(self) -> str:
-        """Return what was pressed: "30 presses by plate" or "12 presses by dual, 40 by single"."""
+        """Return the presses in words, such as "12 presses by dual, 40 by single"."""
         owned = {
             (scene.indenter.name.partition(" #")[0], press)
             for scene, press in zip(self.scenes, self.presses, strict=True)
@@ -139,7 +141,14 @@ class Recording:
         rows: Sequence[int],
         group: Callable[[Scene], str] = lambda _: "all",
     ) -> FrameSet:
-        """Return the frames of some rows; ``group`` gives a press its group in the tables."""
+        """Return the frames of some rows.
+
+        Args:
+            role: "fit", "validation", "test" or "few-shot".
+            name: Name of the set.
+            rows: Rows of the recording.
+            group: Returns the group of a press in the result tables.
+        """
         names = tuple(self.names[row] for row in rows)
         scenes = tuple(self.scenes[row] for row in rows)
         presses = tuple(self.presses[row] for row in rows)
@@ -198,8 +207,8 @@ class RecordedFrames(FrameSource):
         if self.recording.parts is None:
             image = self.recording.identity["describe"].get("image")
             self._published = published_frames(request.protocol, self.recording.names, image)
-        whole = not request.quick and request.limit is None
-        self.published = self._published is not None and whole
+        complete = not request.quick and request.limit is None
+        self.published = self._published is not None and complete
 
     def plan(self) -> FramePlan:
         """Return the recorded presses of every role."""
@@ -215,7 +224,7 @@ class RecordedFrames(FrameSource):
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the test frames, or as many as are asked for."""
+        """Return the test frames, or as many as the request asks for."""
         return (self._test(divide(self.spec, self.recording, self._published)),)
 
     def _test(self, division: Division) -> FrameSet:
@@ -224,7 +233,11 @@ class RecordedFrames(FrameSource):
 
 
 class MatchedFrames(FrameSource):
-    """The presses of a recording that a protocol could have drawn."""
+    """The presses of a recording that a protocol could have drawn.
+
+    Raises:
+        UserError: The recording lacks presses of a draw to train, validate or test on.
+    """
 
     def __init__(self, request: FrameRequest) -> None:
         super().__init__(request)
@@ -266,11 +279,11 @@ class MatchedFrames(FrameSource):
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the matching test presses, or as many as are asked for."""
+        """Return the matching test presses, or as many as the request asks for."""
         rows = spread_over_sets(self.match.test, self.request.test_count)
         return tuple(
-            self.recording.frame_set("test", name, kept, partial(group_of, self.spec, name))
-            for name, kept in rows.items()
+            self.recording.frame_set("test", name, chosen, partial(group_of, self.spec, name))
+            for name, chosen in rows.items()
         )
 
 
@@ -282,7 +295,11 @@ def recorded_source(request: FrameRequest) -> FrameSource:
 def training_sets(
     request: FrameRequest, recording: Recording, division: Division
 ) -> tuple[Sets, Sets]:
-    """Return what is learned from and what validates. Raises UserError for too many presses."""
+    """Return the frame sets that train and those that validate.
+
+    Raises:
+        UserError: The request asks for as many training presses as there are, or more.
+    """
     fit, validation = division.fit, division.validation
     if request.presses is not None:  # evenly: a recording has an order
         fit = spread(fit, request.training_count(len(fit)))
@@ -300,12 +317,12 @@ def divide(
     """Return the rows that train, validate and test; frames of one press are in one part.
 
     Args:
-        spec: says which share tests and validates.
-        recording: is divided by its own split where it has one.
-        published: names of published test frames, which are taken as they are.
+        spec: Protocol with the shares that test and validate.
+        recording: The recording, which is divided by its own split where it has one.
+        published: Names of published test frames, which are taken as they are.
 
     Raises:
-        UserError: for too few presses, a part without frames, or a press in two parts.
+        UserError: A part would have no frames, or a press is in two parts.
     """
     assert spec.recorded is not None  # noqa: S101 - the caller looked
     if recording.parts is not None:
@@ -330,7 +347,7 @@ def divide_by_parts(parts: Sequence[str], presses: Sequence[str]) -> Division:
     """Return the rows of the parts "train", "validation" and "test" of a recording's own split.
 
     Raises:
-        UserError: for a part without frames, or a press in two parts.
+        UserError: A part has no frames, or a press is in two parts.
     """
     names = ("train", "validation", "test")
     division = Division(
@@ -349,9 +366,14 @@ def divide_by_parts(parts: Sequence[str], presses: Sequence[str]) -> Division:
 def published_frames(
     protocol: LoadedProtocol, names: Sequence[str], image: list[int] | None
 ) -> tuple[str, ...] | None:
-    """Return the published test frames, where a recording has them all, more, and at their size.
+    """Return the names of the published test frames; None where a recording is another one.
 
-    None where it has not.
+    The recording must hold all of them and more, at their size.
+
+    Args:
+        protocol: The protocol, which lists the published test frames.
+        names: Names of the recording's frames.
+        image: Height and width of its frames, px; None: not known.
     """
     published, recorded = protocol.test_frames, protocol.spec.recorded
     if not published or recorded is None or recorded.test_frames_size is None or image is None:

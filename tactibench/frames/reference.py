@@ -12,7 +12,8 @@ from tactibench.protocols.draws import fits
 from tactibench.protocols.schema import Draw
 
 PART = 4
-"""Part of a draw, beside those of ``protocols.split``: reference frames have their own noise."""
+"""Number of the part of a draw, whose frames have noise of their own: not used by
+``protocols.split``."""
 
 
 class ReferenceFrames(DrawnFrames):
@@ -22,7 +23,12 @@ class ReferenceFrames(DrawnFrames):
     """
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the fitting scenes by draw. Raises UserError where there are none."""
+        """Return the scenes that fit the workspace, by draw.
+
+        Raises:
+            UserError: No scene has the tips of a test draw inside the workspace, or the sensor does
+                not name its scenes.
+        """
         component, workspace = self.testing.component, self.testing.pressed.workspace
         fitting = [
             (draw, name)
@@ -37,10 +43,10 @@ class ReferenceFrames(DrawnFrames):
                 "workspace; take another protocol, or leave --test reference out."
             )
         presses = self.testing.sensor.presses()
-        kept = spread(fitting, self.request.test_count)
+        chosen = spread(fitting, self.request.test_count)
         sets = []
-        for draw in dict.fromkeys(draw for draw, _ in kept):
-            names = [name for of, name in kept if of == draw]
+        for draw in dict.fromkeys(draw for draw, _ in chosen):
+            names = [name for of, name in chosen if of == draw]
             sets.append(
                 self.testing.frame_set(
                     "test",

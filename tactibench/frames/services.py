@@ -1,4 +1,4 @@
-"""The protocols that a recording can serve, and why not the others."""
+"""The protocols that a recording can serve, and the reasons why it cannot serve others."""
 
 from __future__ import annotations
 
@@ -19,7 +19,14 @@ SURFACE_HINT = "--param sensor.depth=COLUMN --param sensor.tilt=COLUMN name the 
 
 @dataclass(frozen=True)
 class Service:
-    """An answer to whether a recording can serve a protocol: what is there, or what is lacking."""
+    """Whether a recording can serve a protocol.
+
+    Attributes:
+        protocol: Id of the protocol.
+        title: Title of the protocol.
+        served: Whether the recording can serve it.
+        reason: The frames that it has for the protocol, or what it lacks.
+    """
 
     protocol: str
     title: str
@@ -30,7 +37,10 @@ class Service:
 def services(recording: Recording, contradictions: Sequence[str] = ()) -> list[Service]:
     """Return, for every protocol that ships, whether ``run --data`` can take the recording.
 
-    contradictions: How its frames contradict the labels; then no run takes them.
+    Args:
+        recording: The recording.
+        contradictions: Sentences on how its frames contradict the labels; where there are some, no
+            run takes the recording.
     """
     labelled = [
         (scene, press)
@@ -54,7 +64,10 @@ def services(recording: Recording, contradictions: Sequence[str] = ()) -> list[S
 
 
 def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:
-    """A protocol of plate presses takes them as they were recorded."""
+    """Return whether a recording serves a protocol of plate presses, and the reason.
+
+    Such a protocol takes plate presses as they were recorded.
+    """
     plates = [scene for scene in scenes if scene.indenter.is_plate]
     if plates:
         return True, f"{len(plates):,} frames of a plate with depth and tilt"
@@ -71,7 +84,10 @@ def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:
 
 
 def _tips(protocol: Protocol, scenes: Sequence[Scene], presses: Sequence[str]) -> tuple[bool, str]:
-    """A protocol of spherical tips needs presses that it could have drawn."""
+    """Return whether presses serve a protocol of spherical tips, and the reason.
+
+    Such a protocol needs presses that it could have drawn.
+    """
     if not scenes:
         return False, (
             "only labels are known: import with --param indenter=single and the columns of x, y "

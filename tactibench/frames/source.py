@@ -1,6 +1,6 @@
 """Sources of the frames of a run, their requests and the sets that they plan.
 
-A source plans all sets of frames from a request without making a frame. There is one class a
+A source plans all sets of frames from a request without making a frame. There is one class for each
 source: drawn presses, reference scenes, hard cases, a recording, and another sensor's recording.
 """
 
@@ -32,7 +32,7 @@ QUICK_FIT, QUICK_VALIDATION, QUICK_TEST = 200, 40, 40
 """Presses of a ``--quick`` run: it proves the path in under a minute, nothing else."""
 
 Advance = Callable[[int], None]
-"""Is told how many frames were finished."""
+"""Called with the number of frames that were finished."""
 
 Row = TypeVar("Row")
 
@@ -42,19 +42,20 @@ class FrameRequest:
     """The demands of a run on its frames.
 
     Attributes:
-        protocol: whose presses are trained and tested on.
-        regime: name of the protocol's training regime.
-        sensor: presses the training scenes.
-        test_sensor: presses the test scenes; None where the same sensor does.
-        cache: folder in which generated frames are kept.
-        data: recording of the training sensor, for a sensor that reads one.
-        test_data: recording of the tested sensor, for a protocol that changes the sensor.
-        reference: whether the sensor's reference scenes are tested on.
-        hidden: seed of test presses that is kept secret.
-        quick: whether a few presses are enough, to prove the path.
-        limit: at most so many test presses; None: all.
-        presses: learn from so many presses only; None: from all.
-        shots: so many labelled single presses of the tested sensor are shown before the test.
+        protocol: Protocol whose presses are trained and tested on.
+        regime: Name of the protocol's training regime.
+        sensor: Sensor that presses the training scenes.
+        test_sensor: Sensor that presses the test scenes; None where the same sensor does.
+        cache: Folder in which generated frames are kept.
+        data: Recording of the training sensor, for a sensor that reads one.
+        test_data: Recording of the tested sensor, for a protocol that changes the sensor.
+        reference: Whether the sensor's reference scenes are tested on.
+        hidden: Seed of test presses that is kept secret.
+        quick: Whether a few presses are enough, to prove the path.
+        limit: Largest number of test presses; None: all.
+        presses: Number of presses to learn from; None: all.
+        shots: Number of labelled single presses of the tested sensor that are shown before the
+            test.
     """
 
     protocol: LoadedProtocol
@@ -91,7 +92,7 @@ class FrameRequest:
         """Return how many of the available presses are learned from.
 
         Raises:
-            UserError: for ``--presses`` that names as many as there are, or more.
+            UserError: ``--presses`` names as many presses as there are, or more.
         """
         if self.presses is None:
             return available
@@ -109,12 +110,12 @@ class FrameSet(ABC):
 
     Attributes:
         role: "fit", "validation", "test" or "few-shot".
-        name: of the draw, family or recording.
-        scenes: what is pressed, frame by frame.
-        groups: of every frame, its group in the result tables.
-        names: of every frame, unique in the set.
-        presses: of every frame, the press it belongs to; empty where each is a press of its own.
-        apart: whether they are scored apart from the other test frames, which come before them.
+        name: Name of the draw, family or recording.
+        scenes: Scene of every frame.
+        groups: Group of every frame in the result tables.
+        names: Name of every frame, unique in the set.
+        presses: Press that every frame belongs to; empty where each is a press of its own.
+        apart: Whether they are scored apart from the other test frames, which come before them.
     """
 
     role: str
@@ -133,7 +134,7 @@ class FrameSet(ABC):
     @property
     @abstractmethod
     def cached(self) -> bool:
-        """Return whether the frames are there already."""
+        """Return whether the frames exist already."""
 
     @property
     def missing(self) -> int:
@@ -142,15 +143,19 @@ class FrameSet(ABC):
 
     @abstractmethod
     def open(self, advance: Advance) -> Presses:
-        """Return the frames, made or read. Raises UserError."""
+        """Return the frames, made or read.
+
+        Raises:
+            UserError: The sensor cannot make the frames, or a file cannot be read.
+        """
 
     def open_sensor(self) -> Sensor | None:
-        """Return the sensor that makes the frames, to be asked; None where they are recorded."""
+        """Return the sensor that makes the frames, not to be pressed; None for recorded frames."""
         return None
 
     @property
     def clusters(self) -> tuple[str, ...]:
-        """Return, of every frame, the press it belongs to."""
+        """Return the press that every frame belongs to."""
         return self.presses or self.names
 
 
@@ -159,15 +164,18 @@ class FramePlan:
     """The frames of a run.
 
     Attributes:
-        source: where they come from.
-        fit, validation, test: sets of frames by role.
-        few_shot: labelled frames of the tested sensor, in the order in which they are shown.
-        sensor_identity: all that determines the training frames but the seed.
-        test_identity: the same of the tested sensor; None where it is the same sensor.
-        rejected: candidates that geometry refused in the test draws.
-        workspace: range of the training sensor, where it is not the protocol's.
-        signals: kinds of signal of the training and of the tested sensor, see ``Sensor.signal``.
-        calibrated: frames that test nothing because a simulator was fitted to them.
+        source: Source of the frames.
+        fit: Sets of frames that train.
+        validation: Sets of frames that validate.
+        test: Sets of frames that test.
+        few_shot: Labelled frames of the tested sensor, in the order in which they are shown.
+        sensor_identity: All that determines the training frames but the seed.
+        test_identity: The same of the tested sensor; None where it is the same sensor.
+        rejected: Number of candidates that did not fit the workspace in the test draws; of a
+            recording, the number of frames that belong to no draw.
+        workspace: Range of the training sensor, where it is not the protocol's.
+        signals: Kinds of signal of the training and of the tested sensor, see ``Sensor.signal``.
+        calibrated: Number of frames that test nothing because a simulator was fitted to them.
     """
 
     source: FrameSource = field(repr=False)
@@ -190,7 +198,7 @@ class FramePlan:
         return sum(len(frames.scenes) for frames in self if frames.role == role)
 
     def on_range(self, spec: Protocol) -> Protocol:
-        """Return the protocol in the range of the training sensor."""
+        """Return a protocol in the range of the training sensor."""
         return spec if self.workspace is None else in_range(spec, self.workspace)
 
     def training_key(self) -> str:
@@ -202,9 +210,9 @@ class FrameSource(ABC):
     """A place that frames come from.
 
     Attributes:
-        simulates: whether more is known of the test frames than their labels: true surfaces,
+        simulates: Whether more is known of the test frames than their labels: true surfaces,
             smallest possible errors, and how the sensor made its scenes.
-        published: whether the test frames are those of a publication, so that its numbers may be
+        published: Whether the test frames are those of a publication, so that its numbers may be
             compared frame for frame.
     """
 
@@ -217,11 +225,19 @@ class FrameSource(ABC):
 
     @abstractmethod
     def plan(self) -> FramePlan:
-        """Return all sets of frames; no frame is made. Raises UserError."""
+        """Return all sets of frames; no frame is made.
+
+        Raises:
+            UserError: The sensor or the recording does not have the frames that are asked for.
+        """
 
     @abstractmethod
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the test sets alone: what a verification makes again. Raises UserError."""
+        """Return the test sets alone, which a verification makes again.
+
+        Raises:
+            UserError: The sensor or the recording does not have the frames that are asked for.
+        """
 
 
 def sensor_identity(sensor: BoundSpec[SensorSpec], description: dict[str, Any]) -> dict[str, Any]:
@@ -248,13 +264,17 @@ def spread_over_sets(
 ) -> dict[str, list[int]]:
     """Return at most ``count`` rows of all sets together, evenly spread over them.
 
-    A set of which no row is left is left out.
+    Sets without a row in the result are left out.
+
+    Args:
+        rows_by_set: Name of a set -> its rows.
+        count: Largest number of rows; None: all of them.
     """
     pairs = [(name, row) for name, rows in rows_by_set.items() for row in rows]
-    kept: dict[str, list[int]] = {}
+    chosen: dict[str, list[int]] = {}
     for name, row in spread(pairs, count):
-        kept.setdefault(name, []).append(row)
-    return kept
+        chosen.setdefault(name, []).append(row)
+    return chosen
 
 
 def group_of(spec: Protocol, draw: str, scene: Scene) -> str:

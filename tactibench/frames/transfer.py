@@ -27,8 +27,8 @@ from tactibench.protocols.split import FIT, VALIDATION
 
 PLATES = "plates"
 MOST_AWAY_DEG = 45.0
-"""Between the frame's directions in which a positive tilt moves the contact, in training and test;
-in the public recordings it is off by 1 deg."""
+"""Largest angle between the directions on the frame in which a positive tilt moves the contact, in
+training and in test; it is 1 deg in the public recordings."""
 
 
 class TransferFrames(FrameSource):
@@ -47,7 +47,7 @@ class TransferFrames(FrameSource):
         """Return training frames of one sensor, test and labelled frames of the other.
 
         Raises:
-            UserError: where the recording leaves too few presses to be shown with labels.
+            UserError: The recording leaves too few presses to be shown with labels.
         """
         if self.simulated is None:
             source = Recording.open(
@@ -71,7 +71,7 @@ class TransferFrames(FrameSource):
         )
 
     def _refuse_other_direction(self) -> None:
-        """Raise UserError where a positive tilt is not that of the simulated plates."""
+        """Raise UserError where a positive tilt moves the contact otherwise than in simulation."""
         fit = self.target.identity["describe"].get("label_fit")
         plates = self.spec.plates
         if fit is None or plates is None:
@@ -86,7 +86,7 @@ class TransferFrames(FrameSource):
             )
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the test part of the recording, or as many frames of it as are asked for."""
+        """Return the test part of the recording, or as many frames as the request asks for."""
         rows = spread(self._usable(self._division.test), self.request.test_count)
         return (self.target.frame_set("test", RECORDED, rows),)
 
@@ -120,7 +120,10 @@ class TransferFrames(FrameSource):
         return [row for row in rows if self.target.names[row] not in self._calibrated]
 
     def _pressed_sets(self, frames: SensorFrames) -> tuple[Sets, Sets]:
-        """Plate presses that the sensor makes, each drawn on its own: the last ones validate."""
+        """Return the plate presses that the sensor makes, to train and to validate.
+
+        Each is drawn on its own, so that the last ones can validate.
+        """
         plates, recorded = self.spec.plates, self.spec.recorded
         assert plates is not None  # noqa: S101 - the test sensor's check asks for it
         assert recorded is not None  # noqa: S101 - with [transfer] it is there

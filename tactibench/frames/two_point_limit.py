@@ -2,8 +2,9 @@
 
 An ideal observer knows both frames, that of the two tips and that of the single contact nearest to
 it, and decides by their likelihood ratio. It says "two" for 75 % of the pairs, the level of the
-protocols' threshold, and for 1 % of the single presses, fewer than a model may be caught with. That
-needs d' = z(0.75) + z(0.99) = 3.0. No observer of the same frames does it at a smaller spacing.
+protocols' threshold, and for 1 % of the single presses, fewer than a model may have in the catch
+trials. That needs d' = z(0.75) + z(0.99) = 3.0. No observer of the same frames reaches it at a
+smaller spacing.
 """
 
 from __future__ import annotations
@@ -23,27 +24,27 @@ SEEN, FALSELY_SEEN = 0.75, 0.01
 """Share of pairs and of single presses that the ideal observer takes for two."""
 D_PRIME = NormalDist().inv_cdf(SEEN) - NormalDist().inv_cdf(FALSELY_SEEN)
 PRESSES = 40
-"""Pairs of a test whose poses are asked: seconds of work. The limit varies from pose to pose by a
-factor of two (exp2: more), so that its median is known to 20 to 40 %."""
+"""Pairs of a test for which the limit is computed: seconds of work. The limit varies from pose to
+pose by a factor of two (exp2: more), so that its median is known to 20 to 40 %."""
 _SMALLEST_MM, _LARGEST_MM = 0.01, 20.48
 _FIRST_MM = 0.16
 """The first spacing that is tried: near the limit of the simulated sensors."""
 _PRECISION = 1e-5
-"""Relative. Verifying a row on another processor must find the limit that the record states."""
+"""Relative precision: a verification on another processor must find the limit in the record."""
 _LEAST = 1e-3
-"""The least d' that is told from 0, of which there is no logarithm."""
+"""Smallest d' in the logarithm, which has no value at 0."""
 
 
 def spacing_limit(sensor: Sensor, scene: Scene, nuisances: Sequence[str] = ()) -> float | None:
     """Return the smallest spacing, mm, at which two tips at the scene's pose reach d' = 3.0.
 
-    inf: they do not within 20 mm, or one of them does not touch. Spacings below 2 R are those of
-    one tool with two tips that overlap. None: the sensor does not know.
+    inf: they do not reach it within 20 mm, or one of them does not touch. Spacings below 2 R are
+    those of one tool with two tips that overlap. None: the sensor does not know.
 
     Args:
-        sensor: Knows the noise of its frames.
+        sensor: A sensor that knows the noise of its frames.
         scene: Two tips; their own spacing does not matter.
-        nuisances: Unknown properties of the camera.
+        nuisances: Names of properties that are unknown, see ``Sensor.nuisances``.
 
     Raises:
         UserError: The sensor refuses a press.
@@ -75,9 +76,10 @@ def spacing_limit(sensor: Sensor, scene: Scene, nuisances: Sequence[str] = ()) -
 
 
 def sampled_limits(sensor: Sensor, scenes: Sequence[Scene]) -> FloatArray | None:
-    """Return the (N,) limits of ``PRESSES`` pairs spread evenly over the scenes.
+    """Return the (N,) limits, mm, of ``PRESSES`` pairs spread evenly over the scenes.
 
-    nan for the others, and for a pair that the sensor refuses. None where it knows no limit.
+    nan for the other scenes, and for a pair that the sensor refuses. None where the sensor knows no
+    limit.
     """
     limits = np.full(len(scenes), np.nan)
     pairs = [row for row, scene in enumerate(scenes) if len(scene.indenter.offsets) == 2]
