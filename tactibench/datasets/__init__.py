@@ -1,4 +1,4 @@
-"""Data sets on the disk: written so that they survive a crash, read, imported and exported.
+"""Data sets on the disk: writing that survives a crash, reading, import and export.
 
 The names are listed in ``__init__.pyi`` and imported when they are used.
 """

@@ -1,4 +1,4 @@
-"""Channels of a data set whose sensor is no camera: one file, one row of numbers a sample.
+"""Channels of a data set whose sensor is no camera: one file with one row per sample.
 
 channels.f32 holds, for every line of the journal in its order, the sample's channels as
 little-endian float32. Rows are only ever added, and before the line that holds their sha256, so
@@ -41,10 +41,15 @@ class ChannelKind:
 
 
 def channel_bytes(signal: Any, kind: ChannelKind, what: str) -> bytes:
-    """Return the row of a sample.
+    """Return the bytes of a sample's row.
+
+    Args:
+        signal: The channels, of the shape of ``kind``.
+        kind: Shape of the data set's channels.
+        what: Words for the sample, for errors.
 
     Raises:
-        UserError: The channels are not like the data set's others, or are not finite.
+        UserError: The channels have another shape than those of the data set, or are not finite.
     """
     array = np.asarray(signal)
     if array.dtype.kind not in "fiu" or array.shape != kind.shape:
@@ -70,7 +75,7 @@ def read_channels(folder: Path, row: int, sha256: str, kind: ChannelKind, where:
         where: The line, for errors.
 
     Raises:
-        UserError: The row is not the one that was written.
+        UserError: The file cannot be read, or the row is not the one that was written.
     """
     path = folder / CHANNEL_FILE
     try:
@@ -91,7 +96,7 @@ def reference_channels(event: Mapping[str, Any], kind: ChannelKind, where: str) 
     """Return the channels at rest that an event of the journal holds.
 
     Raises:
-        UserError: They are missing, or not those that were written.
+        UserError: The channels are missing, or not those that were written.
     """
     try:
         row = channel_bytes(np.array(event["channels"], dtype=np.float32), kind, where)
@@ -103,7 +108,7 @@ def reference_channels(event: Mapping[str, Any], kind: ChannelKind, where: str) 
 
 
 def unacknowledged_bytes(folder: Path, kind: ChannelKind, lines: int) -> bytes:
-    """Return what lies behind the rows that the journal's lines name."""
+    """Return the bytes behind the rows that the journal's ``lines`` lines name."""
     path = folder / CHANNEL_FILE
     if not path.exists():
         return b""

@@ -25,14 +25,14 @@ def write_checksums(folder: Path) -> None:
 
 
 def changed_files(folder: Path, names: Iterable[str] | None = None) -> Iterator[str]:
-    """Yield a sentence for every file that is missing or is not what it was.
+    """Yield a sentence for every file that is missing or was changed.
 
     Args:
-        folder: of the data set.
-        names: those that are looked at; None: all.
+        folder: Folder of the data set.
+        names: Names of the files to check; None: all.
 
     Raises:
-        UserError: the checksums themselves are damaged.
+        UserError: The checksums themselves are damaged.
     """
     path = folder / CHECKSUMS
     if not path.is_file():
@@ -57,6 +57,6 @@ def changed_files(folder: Path, names: Iterable[str] | None = None) -> Iterator[
 
 
 def refuse_changed(folder: Path, *names: str) -> None:
-    """Raise UserError where one of the files is missing or is not what it was."""
+    """Raise UserError where one of the files is missing or was changed."""
     for sentence in changed_files(folder, names):
         raise UserError(sentence)

@@ -1,4 +1,4 @@
-"""Reading a data set."""
+"""A data set that is opened for reading."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Dataset:
 
     @classmethod
     def of_content(cls, folder: Path, content: Content, repaired: tuple[str, ...] = ()) -> Dataset:
-        """Return the data set whose journals were read."""
+        """Return the data set of a folder from its content."""
         return cls(
             folder,
             content.header,
@@ -83,13 +83,22 @@ class Dataset:
 
     @property
     def rest_image(self) -> Image | None:
-        """Image of the undeformed sensor, if there is one. Raises UserError for channels."""
+        """Image of the undeformed sensor, if there is one.
+
+        Raises:
+            UserError: The samples hold channels.
+        """
         self._image_kind()
         return cast("Image | None", self.rest)
 
     @cached_property
     def splits(self) -> Mapping[str, Split]:
-        """Name -> split. Raises UserError for one that leaks or is damaged."""
+        """Name -> split.
+
+        Raises:
+            UserError: A split has a press in two subsets, names an id that is no sample, or is
+                damaged.
+        """
         splits = {}
         for name, path in split_files(self.folder).items():
             if self.header.status == "closed":
@@ -102,7 +111,7 @@ class Dataset:
         """Return the rows of plan.jsonl.
 
         Raises:
-            UserError: The plan was changed.
+            UserError: The plan was changed or is damaged.
         """
         return read_plan(self.folder / PLAN, self.header.plan_sha256)
 
@@ -126,7 +135,7 @@ class Dataset:
 
         Raises:
             UserError: The file is not what was written; the sentence names file and line. Or the
-                samples hold channels.
+                samples hold channels and no images.
         """
         where = f"{JOURNAL} line {self.index.row_of(sample.id) + 1}"
         return read_image(self.folder, sample.file_name, sample.sha256, self._image_kind(), where)
@@ -135,7 +144,7 @@ class Dataset:
         """Return the PNG file of a sample's image, which is not decoded.
 
         Raises:
-            UserError: It is not the file that was written, or the samples hold channels.
+            UserError: The file is not the one that was written, or the samples hold channels.
         """
         self._image_kind()
         path = self.folder / sample.file_name
@@ -157,7 +166,7 @@ class Dataset:
             size: Height and width of the images; None keeps their own.
 
         Raises:
-            UserError: An image's file is not what was written.
+            UserError: An image's file is not what was written, or the samples hold channels.
         """
         kind = self._image_kind()
         height, width = (size, size) if size else (kind.height, kind.width)
@@ -186,8 +195,9 @@ def open_dataset(folder: Path, repair: bool = True) -> Dataset:
 
     Args:
         folder: The data set's folder.
-        repair: Whether to repair what an interrupted writer left. It is left alone while a writer
-            is at work, or where the folder cannot be written. Acknowledged samples never change.
+        repair: Whether to repair what an interrupted writer left. Nothing is repaired while a
+            writer is at work, or where the folder cannot be written. Acknowledged samples never
+            change.
 
     Raises:
         UserError: The folder holds no data set, or a damaged one.
@@ -199,7 +209,7 @@ def open_dataset(folder: Path, repair: bool = True) -> Dataset:
 
 
 def _repair(folder: Path) -> Dataset | None:
-    """Return the repaired data set; None where others write it or the lock cannot be made."""
+    """Return the repaired data set; None where another process writes it or has the lock."""
     try:
         lock = WriterLock(folder / LOCK)
     except (UserError, OSError):

@@ -32,9 +32,9 @@ _FIRST_LABELS = (
     "pose_y",
     "pose_Rz",
 )
-"""Labels that say most, where there are several."""
+"""Labels that say most; they come first."""
 _CANDIDATES = 2000
-"""Frames among which spread ones are looked for."""
+"""Most frames from which ``spread_rows`` chooses."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class LabelSummary:
 
     @property
     def bars(self) -> str:
-        """One character a bin; the fullest is full, and one with any frame shows something."""
+        """One character per bin; the fullest is full, and a bin with any frame shows something."""
         most = max(self.counts)
         levels = (-(-count * (len(_BARS) - 1) // most) for count in self.counts)
         return "".join(_BARS[level] for level in levels)
@@ -75,9 +75,9 @@ class PinSummary:
     """Pins in the frames of a recording.
 
     Attributes:
-        frames: Number of frames that were looked at.
-        counts: Number of pins in each, 0 where there are none.
-        rest: Number of pins in the rest frame, None without one.
+        frames: Number of frames in which pins were counted.
+        counts: Number of pins in each frame, 0 where there are none.
+        rest: Number of pins in the rest frame, None without a rest frame.
         visible_share: Share of the frames in which every pin of the rest frame was seen.
         moved_px: Largest displacement of a pin from rest, median over the frames.
     """
@@ -90,9 +90,9 @@ class PinSummary:
 
 
 def label_values(recording: Recording) -> dict[str, FloatArray]:
-    """Return every number that is known of the frames, NaN where a frame has none.
+    """Return name -> (N,) of every number that is known of the frames, NaN where a frame has none.
 
-    What was pressed comes first, as pose.x ... pose.depth, then the labels.
+    The pose of the indenter comes first, as pose.x ... pose.depth, then the labels.
     """
     values: dict[str, FloatArray] = {}
     if any(recording.scenes):
@@ -107,19 +107,19 @@ def summarize_labels(values: Mapping[str, FloatArray]) -> list[LabelSummary]:
     """Return range and histogram of every label that any frame has."""
     summaries = []
     for name, column in values.items():
-        known = column[np.isfinite(column)]
-        if len(known):
-            low, high = float(known.min()), float(known.max())
-            counts, _ = np.histogram(known, BINS, range=(low, high if high > low else low + 1))
+        finite = column[np.isfinite(column)]
+        if len(finite):
+            low, high = float(finite.min()), float(finite.max())
+            counts, _ = np.histogram(finite, BINS, range=(low, high if high > low else low + 1))
             bins = tuple(counts.tolist())
             summaries.append(
-                LabelSummary(name, unit_of(name), low, high, float(known.mean()), bins)
+                LabelSummary(name, unit_of(name), low, high, float(finite.mean()), bins)
             )
     return summaries
 
 
 def unit_of(name: str) -> str:
-    """Return deg for rotations and angles, mm for lengths, "" where the name does not say."""
+    """Return "deg" for rotations and angles, "mm" for lengths, "" where the name does not say."""
     stem, _, last = name.rpartition("_")
     if last.isdigit() and stem != "pose":  # a column without a name
         return ""
@@ -132,10 +132,10 @@ def unit_of(name: str) -> str:
 
 
 def describe_poses(labels: Mapping[str, FloatArray]) -> str:
-    """Return what a robot's pose labels look like, by which of them change; "" without any.
+    """Return in words which object a robot's pose labels suggest; "" where no label changes.
 
-    Lengths are pose_1 to 3 or pose_x to z, angles pose_4 to 6 or pose_Rx to Rz; moves or shears
-    say how the skin was dragged.
+    The labels that change decide. Lengths are pose_1 to 3 or pose_x to z, angles pose_4 to 6 or
+    pose_Rx to Rz; moves or shears say how the skin was dragged.
     """
     changing = [name for name, column in labels.items() if np.ptp(column) > 0]
     poses = [name for name in changing if name.startswith("pose_")]
@@ -144,7 +144,7 @@ def describe_poses(labels: Mapping[str, FloatArray]) -> str:
     drags = [name for name in changing if name.startswith(("move_", "shear_"))]
     if not poses and not drags:
         return ""
-    what = ", ".join(lengths + angles) or "no pose"
+    names = ", ".join(lengths + angles) or "no pose"
     if len(lengths) == 1 and angles:
         kind = "a plate that is tilted, or an edge that is turned; the frames tell which"
     elif angles:
@@ -153,15 +153,12 @@ def describe_poses(labels: Mapping[str, FloatArray]) -> str:
         kind = "a tip or an object at several places, no tilted plate"
     else:
         kind = "presses at one place, no tilted plate"
-    text = f"poses ({what} change) look like {kind}"
+    text = f"poses ({names} change) look like {kind}"
     return text + (f"; the skin is dragged ({', '.join(drags)})" if drags else "")
 
 
 def changing_labels(values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the labels that every frame has and that change, those that say most first.
-
-    There are at most three.
-    """
+    """Return at most three labels that every frame has and that change, in order of importance."""
     changing = [
         name for name, column in values.items() if np.isfinite(column).all() and np.ptp(column) > 0
     ]
@@ -175,7 +172,7 @@ def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
 
     Args:
         recording: The recording.
-        most: Most frames to look at.
+        most: Largest number of frames to look at.
     """
     from tactibench.markers import Tracker, count_pins
 
@@ -216,14 +213,14 @@ def channel_ranges(recording: Recording) -> tuple[FloatArray, FloatArray]:
 def spread_rows(labels: Sequence[FloatArray], frames: int, count: int, columns: int) -> list[int]:
     """Return rows of frames that are far from each other in the labels.
 
-    Each next frame is the farthest from those that were taken.
+    Each next frame is the farthest from those that were chosen before.
 
     Args:
-        labels: Values of (N,) frames; the first label orders the lines of a sheet, the second the
-            frames along a line.
-        frames: N.
+        labels: (N,) values of each label; the first label orders the lines of a sheet, the second
+            the frames along a line.
+        frames: Number N of frames.
         count: Number of rows to return, or N where there are fewer.
-        columns: Frames in a line of the sheet.
+        columns: Number of frames in a line of the sheet.
     """
     rows = np.linspace(0, frames - 1, min(frames, _CANDIDATES)).round().astype(int)
     count = min(count, len(rows))
@@ -231,18 +228,18 @@ def spread_rows(labels: Sequence[FloatArray], frames: int, count: int, columns: 
         return [int(row) for row in rows[np.linspace(0, len(rows) - 1, count).round().astype(int)]]
     points = np.column_stack([column[rows] for column in labels])
     points = (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-12)
-    taken = [int(np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
-    distance = np.linalg.norm(points - points[taken[0]], axis=1)
-    while len(taken) < count:
+    chosen = [int(np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < count:
         farthest = int(np.argmax(distance))
-        if farthest in taken:  # the others have the labels of frames that were taken
-            farthest = next(row for row in range(len(rows)) if row not in taken)
-        taken.append(farthest)
+        if farthest in chosen:  # the others have the labels of frames that were chosen
+            farthest = next(row for row in range(len(rows)) if row not in chosen)
+        chosen.append(farthest)
         distance = np.minimum(distance, np.linalg.norm(points - points[farthest], axis=1))
-    taken.sort(key=lambda row: float(points[row, 0]))
+    chosen.sort(key=lambda row: float(points[row, 0]))
     second = min(1, len(labels) - 1)
     ordered: list[int] = []
-    for start in range(0, len(taken), columns):
-        line = taken[start : start + columns]
+    for start in range(0, len(chosen), columns):
+        line = chosen[start : start + columns]
         ordered += sorted(line, key=lambda row: float(points[row, second]))
     return [int(rows[row]) for row in ordered]

@@ -1,4 +1,4 @@
-"""Generation of a data set: a sensor is pressed, and what is there already is not pressed again."""
+"""Generation of a data set: a sensor is pressed; existing samples are not pressed again."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tactibench.protocols.split import CHUNK
 from tactibench.records.identity import code_hash, digest, installed_versions
 
 DEFAULT_SENSOR = "tactip-127"
-"""The sensor where no protocol names one."""
+"""Sensor of a request that names neither a sensor nor a protocol."""
 GROUP = 50
 """Samples that are acknowledged together."""
 
@@ -33,7 +33,7 @@ Advance = Callable[[int], None]
 
 
 SeriesPresser = Callable[[Sequence[PressSeries], Header], Iterator[Iterable[Draft]]]
-"""Presses series of a data set with that header; gives the drafts of each, in order."""
+"""Function that presses series of a data set with this header, and yields the drafts of each."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class SensorSource:
         build: Opens the sensor with a seed.
         identity: Name, parameters, code and description of the sensor.
         dome_radius_mm: Radius of its surface, inf where it is flat.
-        request: What was asked for, as the header's ``source`` says it.
+        request: The request, as the header's ``source`` states it.
     """
 
     build: Callable[[SensorContext], Sensor]
@@ -57,7 +57,8 @@ def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource
     """Return the sensor of a spec with its parameters.
 
     Raises:
-        UserError: The sensor does not load, or is many: a data set has one rest frame.
+        UserError: The sensor does not load, or stands for several instances: a data set has one
+            rest frame.
     """
     count = values.get("instances", 0)
     if isinstance(count, int) and count > 1:
@@ -105,10 +106,11 @@ class GenerationRequest:
     seed: int | None = None
 
     def resolve(self) -> tuple[PressPlan, SensorSource]:
-        """Return what is pressed, and the sensor that presses it.
+        """Return the presses, and the sensor that makes them.
 
         Raises:
-            UserError: A name is unknown, or protocol and plan are both given or both missing.
+            UserError: A name is unknown, protocol and plan are both given or both missing, or one
+                of them cannot be read or pressed.
         """
         if (self.protocol is None) == (self.plan is None):
             raise UserError(
@@ -134,7 +136,7 @@ class GenerationRequest:
         """Return the sensor that presses.
 
         Raises:
-            UserError: There is no such sensor or parameter, or the sensor reads recordings.
+            UserError: The sensor or a parameter is unknown, or the sensor reads recordings.
         """
         name = self.sensor
         if name is None and self.protocol is not None:
@@ -154,8 +156,11 @@ def sensor_parameters(
 ) -> tuple[tuple[str, str], ...]:
     """Return names and values of the sensor's parameters.
 
+    Args:
+        parameters: Kind -> parameter -> value as text.
+
     Raises:
-        UserError: Another kind than the sensor has parameters.
+        UserError: Another kind than "sensor" has parameters.
     """
     for kind in set(parameters) - {"sensor"}:
         raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
@@ -163,7 +168,7 @@ def sensor_parameters(
 
 
 def is_complete(folder: Path, source: SensorSource, plan: PressPlan) -> bool:
-    """Return whether the folder holds just this data set, closed."""
+    """Return whether the folder holds exactly this data set, and it is closed."""
     if not is_dataset(folder):
         return False
     header = read_header(folder)
@@ -184,18 +189,19 @@ def generate(
 ) -> None:
     """Write the frames of all presses into a data set and close it; an open one is continued.
 
-    A chunk of presses that was begun is pressed again from its start, so that its frames are what
-    they would have been.
+    A chunk of presses that was begun is pressed again from its start, so that its frames are the
+    same as without an interruption.
 
     Args:
         folder: Folder of the data set.
         source: The sensor.
         plan: The presses.
-        advance: Called with the number of presses that are there.
+        advance: Called with the number of presses that exist already, and then with the number of
+            presses of every finished chunk.
         press_all: Presses the chunks; None presses in this process.
 
     Raises:
-        UserError: The folder holds something else.
+        UserError: The folder holds files but no data set, or another data set.
     """
     rest = _rest_signal(source, plan)
     camera = rest.dtype == np.uint8
@@ -230,7 +236,7 @@ def generate(
 
 
 def press_series(source: SensorSource, series: PressSeries) -> Iterator[Draft]:
-    """Press a series, and give its samples in order, each as soon as it is there."""
+    """Press a series, and yield its samples in order, each as soon as it is made."""
     with source.build(_context(series.seed)) as sensor:
         frames = sensor.press_many([press.scene for press in series.presses])
         for press, frame in zip(series.presses, frames, strict=True):

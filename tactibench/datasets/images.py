@@ -1,8 +1,8 @@
 """Images of a data set: checked files, durable when written, and one array of all of them.
 
-The array is derived: decoded once, then read at will. Its key holds the hash of the journal, and
-with it every image's, the size and how images are made gray and shrunk; it is made again when any
-of these changes.
+The array is derived: it is decoded once and can then be read in any order. Its key holds the hash
+of the journal, and with it that of every image, the size, and the way in which images are made gray
+and shrunk. It is made again when any of these changes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tactibench.records.identity import digest
 Image = npt.NDArray[np.uint8]
 
 _SYNC_THREADS = 16
-"""Threads that wait for the disk at once: it then writes their files in one go."""
+"""Threads that wait for the disk at once, so that it writes their files together."""
 _PLAIN_PNG = (b"\x08\x00", b"\x08\x02")
 """Bits and colour type, at bytes 24 and 25 of a PNG: 8-bit gray and 8-bit RGB."""
 
@@ -54,10 +54,16 @@ def is_plain_png(data: bytes) -> bool:
 def signal_bytes(signal: Signal | bytes, kind: ImageKind | ChannelKind, what: str) -> bytes:
     """Return what a data set stores of a sample: the PNG file of an image, or a row of channels.
 
-    The bytes of a PNG are taken as they are.
+    Bytes are stored as they are.
+
+    Args:
+        signal: The image, the bytes of its PNG file, the channels, or the bytes of their row.
+        kind: Kind of the data set's images or channels.
+        what: Words for the sample, for errors.
 
     Raises:
-        UserError: The signal is not like the data set's others.
+        UserError: The signal differs in shape or type from those of the data set, is a PNG that a
+            data set cannot hold, or is not finite.
     """
     if isinstance(kind, ImageKind):
         return png_bytes(signal, kind, what)
@@ -65,10 +71,16 @@ def signal_bytes(signal: Signal | bytes, kind: ImageKind | ChannelKind, what: st
 
 
 def png_bytes(image: Signal | bytes, kind: ImageKind, what: str) -> bytes:
-    """Return the PNG file of an image; the bytes of a PNG are taken as they are.
+    """Return the PNG file of an image; the bytes of a PNG are returned as they are.
+
+    Args:
+        image: The image, or the bytes of its PNG file.
+        kind: Size and colours of the data set's images.
+        what: Words for the image, for errors.
 
     Raises:
-        UserError: The image is not like the data set's others.
+        UserError: The image differs in size, colours or type from those of the data set, or its PNG
+            is damaged or not 8-bit gray or RGB.
     """
     if isinstance(image, bytes):
         if check_png(what, image) != kind or not is_plain_png(image):
@@ -105,7 +117,7 @@ def read_image(folder: Path, name: str, sha256: str, kind: ImageKind, where: str
 
 
 def _damage(path: Path, data: bytes) -> str:
-    """Say how a file differs from the one that was written."""
+    """Return in words how a file differs from the one that was written."""
     try:
         check_png(path, data)
     except UserError as error:
@@ -119,6 +131,12 @@ def write_images(
     """Write images under temporary names, and wait until the disk has them.
 
     One thread writes: several would wait for each other rather than for the disk.
+
+    Args:
+        folder: The data set's folder.
+        names: Final names of the images, relative to the folder.
+        files: Bytes of the PNG files.
+        fsync: Whether to wait for the disk.
     """
     for place in _folders(folder, names):
         make_folder(place)
@@ -132,7 +150,7 @@ def write_images(
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write one file; rehearsals of a full disk replace it."""
+    """Write one file; tests of a full disk replace this function."""
     path.write_bytes(data)
 
 
@@ -146,7 +164,7 @@ def rename_images(folder: Path, names: Sequence[str], *, fsync: bool) -> None:
 
 
 def discard_images(folder: Path, names: Sequence[str]) -> None:
-    """Remove what was written under temporary names."""
+    """Remove the images that were written under temporary names."""
     for name in names:
         _temporary(folder, name).unlink(missing_ok=True)
 
@@ -201,9 +219,12 @@ class ImageCache:
 
     @contextmanager
     def _reserve(self, name: str) -> Iterator[Path]:
-        """Give the array's file, which nobody else makes meanwhile.
+        """Yield the array's file, which no other process makes meanwhile.
 
         It lies in the data set, or in the user's cache where the data set is read-only.
+
+        Raises:
+            UserError: Neither of the two folders can be written.
         """
         for folder in (self.folder / CACHE, cache_folder() / "datasets"):
             path = folder / f"{name}.npy"
@@ -259,18 +280,18 @@ class ImageCache:
 
 
 def is_intact(path: Path) -> bool:
-    """Return whether an array is what it was when it was made."""
+    """Return whether an array was not changed since it was made."""
     return _is_complete(path, {"sha256": file_hash(path)})
 
 
 def _is_complete(path: Path, key: dict[str, Any]) -> bool:
-    """Return whether an array is there and has these keys; its description is written last."""
+    """Return whether an array exists and has these keys; its description is written last."""
     try:
         description = read_json(path.with_suffix(".json"))
-        there = path.is_file()
+        exists = path.is_file()
     except (UserError, OSError):
         return False
-    return there and (not key or key.items() <= description.items())
+    return exists and (not key or key.items() <= description.items())
 
 
 def _is_writable(folder: Path) -> bool:

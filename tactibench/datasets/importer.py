@@ -1,4 +1,4 @@
-"""Import of a recording into a new data set: whole, or not at all."""
+"""Import of a recording into a new data set, completely or not at all."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def import_folder(
     Args:
         source: A folder, or a recording that was opened with the same options.
         target: Folder of the new data set.
-        options: Where labels are and what they mean.
+        options: Names of files and columns, and the meaning of the labels.
         advance: Called with the number of frames that were written.
-        format: Format of the folder; None: what it looks like.
+        format: Format of the folder; None: it is found from the files.
 
     Raises:
         UserError: Something is missing or damaged; the sentence names file and row.
@@ -58,7 +58,7 @@ def import_folder(
             _write(recording, folder, options, advance)
     except OSError as error:
         if is_full(error):
-            raise  # the command line calls it so
+            raise  # the command line reports that the disk is full
         raise UserError(
             f"{target} cannot be written: {error.strerror or error}; name another place."
         ) from None
@@ -66,7 +66,7 @@ def import_folder(
 
 
 def _header(recording: Recording, options: ImportOptions) -> Header:
-    """Return the header: what the options say, then what the folder says."""
+    """Return the header: values of the options first, then those that the folder states."""
     stated: dict[str, Any] = dict(recording.header)
     name = options.name or stated.pop("name", "") or recording.folder.resolve().name
     sensor = stated.pop("sensor", {"name": options.sensor})
@@ -100,7 +100,7 @@ def _header(recording: Recording, options: ImportOptions) -> Header:
 
 def _write(recording: Recording, folder: Path, options: ImportOptions, advance: Advance) -> None:
     with Writer(folder, _header(recording, options), fsync=False) as writer:
-        rest = recording.rest_image()  # names the file if it cannot be decoded
+        rest = recording.rest_image()  # its error names a file that cannot be decoded
         if rest is not None:
             data = b"" if recording.rest is None else read_file(recording.rest)
             copied = is_plain_png(data) and recording.view is None
@@ -110,7 +110,7 @@ def _write(recording: Recording, folder: Path, options: ImportOptions, advance: 
             try:
                 writer.add_many([_draft(recording, row) for row in rows])
             except UserError:
-                for row in rows:  # names the file
+                for row in rows:  # this error names the file
                     recording.signal(row)
                 raise
             advance(len(rows))

@@ -1,7 +1,7 @@
 """The index beside a journal: where its lines end, their ids, and which samples are good.
 
-A data set is opened by it without reading every line as JSON. It is derived: the journal's hash
-says which beginning of the journal it is of, whatever is behind that is read line by line, and an
+With the index a data set is opened without reading every line as JSON. It is derived: a hash says
+to which beginning of the journal it belongs, and all lines behind that are read one by one. An
 index that is missing, damaged or of another journal is made again.
 """
 
@@ -25,7 +25,7 @@ from tactibench.records.files import read_checked_arrays, write_checked_arrays
 
 INDEX = f"{CACHE}/index.npz"
 SHORTEST = 10_000
-"""Lines that an index saves; fewer are read in a third of a second."""
+"""Fewest lines for which an index is written; fewer are read in a third of a second."""
 CHUNK = 2**20
 """Bytes that are hashed at once."""
 
@@ -37,12 +37,12 @@ class JournalIndex:
     """The finished lines of a journal.
 
     Attributes:
-        path: of the journal.
+        path: Path of the journal.
         ends: (N,) bytes from the beginning of the file to the end of each line.
-        ids: (N,) of the samples.
+        ids: (N,) ids of the samples.
         good: (N,) whether the status of a sample is "ok".
-        sha256: of all finished lines.
-        torn: bytes behind them, of a line whose writing was interrupted.
+        sha256: Hash of all finished lines.
+        torn: Bytes behind the finished lines, of a line whose writing was interrupted.
     """
 
     path: Path
@@ -62,7 +62,11 @@ class JournalIndex:
         return np.argsort(self.ids, kind="stable")
 
     def row_of(self, number: int) -> int:
-        """Return the row of an id. Raises KeyError for one that is not there."""
+        """Return the row of an id.
+
+        Raises:
+            KeyError: No sample has the id.
+        """
         order = self._order
         at = int(np.searchsorted(self.ids, number, sorter=order))
         if at == len(order) or self.ids[order[at]] != number:
@@ -84,7 +88,7 @@ class Samples(Sequence[Sample]):
         self.journal = index
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of samples."""
         return self.journal.count
 
     @overload
@@ -94,20 +98,25 @@ class Samples(Sequence[Sample]):
     def __getitem__(self, row: slice) -> tuple[Sample, ...]: ...
 
     def __getitem__(self, row: int | slice) -> Sample | tuple[Sample, ...]:
-        """Return a sample, or several. Raises UserError where a line was changed meanwhile."""
+        """Return the sample of a row, or the samples of a slice.
+
+        Raises:
+            IndexError: There is no such row.
+            UserError: A line was changed since the journal was opened.
+        """
         if isinstance(row, slice):
             return tuple(self._read(range(len(self))[row]))
         return next(self._read([range(len(self))[row]]))
 
     def __iter__(self) -> Iterator[Sample]:
-        """Yield all of them."""
+        """Yield all samples."""
         return self._read(range(len(self)))
 
     def __eq__(self, other: object) -> bool:
         """Return whether another sequence holds the same samples."""
         if not isinstance(other, Sequence) or len(self) != len(other):
             return False
-        return all(one == two for one, two in zip(self, other, strict=True))
+        return all(mine == theirs for mine, theirs in zip(self, other, strict=True))
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -126,7 +135,18 @@ class Samples(Sequence[Sample]):
 
 @dataclass
 class _Scan:
-    """The part of a journal that was read so far."""
+    """The part of a journal that was read so far.
+
+    Attributes:
+        path: Path of the journal.
+        hasher: Hash of the lines that were read.
+        ends: Bytes to the end of each new line.
+        ids: Ids in the new lines.
+        good: Whether the status in each new line is "ok".
+        samples: Samples of the new lines, as long as the journal is short.
+        known: Number of lines that the stored index holds.
+        size: Bytes to the end of the last line that was read.
+    """
 
     path: Path
     hasher: Any
@@ -138,7 +158,11 @@ class _Scan:
     size: int = 0
 
     def add(self, line: bytes) -> None:
-        """Take a finished line, its line break included. Raises UserError for a damaged one."""
+        """Add a finished line, its line break included.
+
+        Raises:
+            UserError: The line is damaged.
+        """
         sample = read_row(line[:-1], f"{self.path} line {self.known + len(self.ids) + 1}")
         self.hasher.update(line)
         self.size += len(line)
@@ -152,10 +176,10 @@ class _Scan:
 def read_journal(folder: Path) -> tuple[JournalIndex, Sequence[Sample]]:
     """Return the index of a data set's journal and its samples; a missing journal has no lines.
 
-    The samples of a short journal are there at once, those of a long one when they are asked for.
+    The samples of a short journal are read at once, those of a long one when they are asked for.
 
     Raises:
-        UserError: a finished line is damaged, an id stands twice, or the file cannot be read.
+        UserError: A finished line is damaged, an id stands twice, or the file cannot be read.
     """
     path = folder / JOURNAL
     try:
@@ -179,7 +203,7 @@ def read_journal(folder: Path) -> tuple[JournalIndex, Sequence[Sample]]:
 
 
 def write_index(folder: Path, index: JournalIndex) -> None:
-    """Write the index of a journal, where it has so many lines that it saves time."""
+    """Write the index of a journal that has so many lines that the index saves time."""
     if index.count >= SHORTEST:
         rows = np.column_stack([index.ends, index.ids, index.good]).astype(np.int64)
         arrays = {"rows": rows, "sha256": np.array(index.sha256)}
@@ -187,7 +211,10 @@ def write_index(folder: Path, index: JournalIndex) -> None:
 
 
 def _stored(path: Path, journal: IO[bytes]) -> tuple[Rows, Any]:
-    """Return the rows of a stored index and the hash of the lines that it is of, or of none."""
+    """Return the rows of a stored index and the hash of their lines.
+
+    There are no rows where the index is missing or damaged, or does not belong to the journal.
+    """
     arrays = read_checked_arrays(path) or {}
     rows, sha256 = arrays.get("rows"), arrays.get("sha256")
     if rows is None or sha256 is None or rows.ndim != 2 or rows.shape[1] != 3 or not len(rows):
@@ -202,7 +229,7 @@ def _stored(path: Path, journal: IO[bytes]) -> tuple[Rows, Any]:
 
 
 def _read_rest(stream: IO[bytes], scan: _Scan) -> bytes:
-    """Read the lines from where the stream stands and return what was not finished.
+    """Read the lines from the position of the stream, and return the bytes of an unfinished one.
 
     A last line without an end, or one that is no JSON, was never acknowledged.
     """

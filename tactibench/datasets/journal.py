@@ -67,7 +67,15 @@ class Lines:
 
 @dataclass(frozen=True)
 class Content:
-    """Header, samples in the order they were written, events, and both journals as they stand."""
+    """The content of a data set's folder.
+
+    Attributes:
+        header: Facts that hold for every sample.
+        samples: Samples in the order they were written.
+        events: Events in the order they were noted.
+        journal: Index of the journal of samples.
+        event_lines: Lines of the journal of events.
+    """
 
     header: Header
     samples: Sequence[Sample]
@@ -193,7 +201,7 @@ class Journal:
         """Add lines, each in one write, then wait for the disk once.
 
         Raises:
-            OSError: The disk refused; what was written of the lines is taken back.
+            OSError: The disk refused the lines; those that were written are removed again.
         """
         file = self._file.fileno()
         before = os.fstat(file).st_size
@@ -243,7 +251,7 @@ def repair(folder: Path, content: Content) -> tuple[str, ...]:
 
 
 def needs_repair(folder: Path, content: Content) -> bool:
-    """Return whether an interrupted writer, or one at work, left anything."""
+    """Return whether an interrupted writer, or one at work, left anything to repair."""
     if content.journal.torn or content.event_lines.torn or any(temporary_files(folder)):
         return True
     if _channels_behind(folder, content):
@@ -252,17 +260,17 @@ def needs_repair(folder: Path, content: Content) -> bool:
 
 
 def unnamed_images(folder: Path, content: Content) -> Iterator[str]:
-    """Give the names of the images on the disk that no line of the journal names."""
-    kept: set[int] = set()
+    """Yield the names of the images on the disk that no line of the journal names."""
+    ids: set[int] = set()
     if not isinstance(content.header.kind, ChannelKind):
-        kept = set(content.journal.ids.tolist())
+        ids = set(content.journal.ids.tolist())
     for name in sample_images(folder):
-        if image_number(name) not in kept:
+        if image_number(name) not in ids:
             yield name
 
 
 def sample_images(folder: Path) -> Iterator[str]:
-    """Give the names of all images of samples on the disk, whether a line names them or not."""
+    """Yield the names of all images of samples on the disk, whether a line names them or not."""
     for shard in _image_folders(folder):
         with os.scandir(shard) as entries:
             for entry in entries:
@@ -272,7 +280,7 @@ def sample_images(folder: Path) -> Iterator[str]:
 
 
 def temporary_files(folder: Path) -> Iterator[Path]:
-    """Give the temporary files of writers that did not come to rename them."""
+    """Yield the temporary files of writers that were interrupted before they renamed them."""
     for name in (HEADER, PLAN, f"{SPLITS}/"):  # names of ``tactibench.records.files.atomic``
         place, _, stem = name.rpartition("/")
         yield from (folder / place).glob(f".{stem}*.*")

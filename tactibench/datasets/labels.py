@@ -1,4 +1,4 @@
-"""Labels of a robot turned into contacts: which column means what, and which scene it describes."""
+"""Labels of a robot turned into contacts: the meaning of columns, and the scenes they describe."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ def indentation(
 
     A robot turns the sensor about a point p away from the dome's centre, which lifts the centre by
     p (1 - cos t), and by q sin t where that point lies q beside the axis. a is the travel between
-    label 0 and first touch. This is the indentation of all data sets: the robot's own travel. What
-    holds a dome gives way under load; a simulated sensor takes that into account by itself.
+    label 0 and first touch. This is the indentation of all data sets: the robot's own travel. The
+    holder of a dome gives way under load; a simulated sensor takes that into account by itself.
 
     Args:
         depth: (N,) depth labels z, mm.
         tilt: (N,) tilt labels t, deg.
-        offset_mm: a.
-        pivot_mm: p.
-        side_mm: q.
+        offset_mm: Offset a.
+        pivot_mm: Pivot p along the axis.
+        side_mm: Pivot q beside the axis.
 
     Returns:
         (N,) mm.
@@ -68,7 +68,7 @@ def scenes_of(
     indenter: str,
     table: Path,
 ) -> tuple[Scene, ...] | None:
-    """Return what was pressed in every frame; None where labels stay labels.
+    """Return the scene of every frame; None where the labels describe no scene.
 
     Args:
         labels: Column -> (N,) values.
@@ -78,7 +78,8 @@ def scenes_of(
         table: The file of the labels, for errors.
 
     Raises:
-        UserError: As ``tip_scenes``.
+        UserError: The labels of a tip are incomplete, or describe a contact that cannot be, see
+            ``tip_scenes``.
     """
     if indenter == NONE:
         return None
@@ -103,13 +104,13 @@ def scenes_of(
 def own_workspace(
     scenes: Sequence[Scene], dome_radius_mm: float | None, *, always: bool = False
 ) -> Workspace | None:
-    """Return the range of the recorded presses by tips, where it takes the place of the published.
+    """Return the range of the recorded presses by tips where it replaces the published one.
 
-    That is where the sensor is flat: the published range is that of a dome. A tip at depth 0 or
-    above it touches nothing and belongs to no range.
+    It does where the sensor is flat, because the published range is that of a dome; otherwise the
+    result is None. A tip at depth 0 or above it touches nothing and belongs to no range.
 
     Args:
-        scenes: What was pressed.
+        scenes: The recorded scenes.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat; None: the usual dome.
         always: Whether a dome has its own range as well.
     """
@@ -149,9 +150,15 @@ def choose_indenter(options: ImportOptions, columns: Sequence[str]) -> str:
 def role_columns(
     options: ImportOptions, indenter: str, labels: Mapping[str, FloatArray], table: Path
 ) -> dict[str, str]:
-    """Return role -> column, as far as the indenter needs it.
+    """Return role -> column, for the roles that the indenter needs.
 
     pose_x ... pose_Rz are the same columns as pose_1 ... pose_6.
+
+    Args:
+        options: Names of the columns.
+        indenter: "none", "plate", or one of tips.
+        labels: Column -> (N,) values.
+        table: The file of the labels, for errors.
 
     Raises:
         UserError: A column is missing, or the depth never changes while other lengths do: it is
@@ -180,7 +187,7 @@ def role_columns(
 
 
 def _find_columns(text: str, columns: Sequence[str], table: Path) -> str:
-    """Return the columns in a list by commas as the table calls them; a number stays what it is."""
+    """Return a list of columns, separated by commas, as the table names them; numbers stay."""
     return ",".join(
         name if is_number(name) else _find_column(name, columns, table)
         for name in (part.strip() for part in text.split(","))

@@ -1,7 +1,7 @@
 """A mapping file: the options of an import as TOML, guessed from a table, corrected by a person.
 
-Columns are recognised by the words in their names, units and signs also by their values. What a
-table does not say, such as where 0 is, is guessed and marked in the file.
+Columns are recognised by the words in their names, units and signs also by their values. Facts that
+a table does not state, such as the place of 0, are guessed and marked in the file.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ _WORDS = {
 }
 """Words by which a column is recognised, the surest first."""
 _OTHER = {"pixel", "pixels", "force", "torque", "fx", "fy", "fz", "velocity", "target", "cmd"}
-"""Words of columns that are something else than where the tip was."""
+"""Words of columns that hold something else than the place of the tip."""
 _PIXELS = {"px"}
-"""A unit, unless the name begins with it: px, py are also places."""
+"""Words that are a unit, unless the name begins with them: px, py are also places."""
 _UNITS = {**dict.fromkeys(MM_PER), "micron": "um", "microns": "um", "millimetre": "mm"}
 _TURNS = {"deg", "rad", "degree", "degrees", "radian", "radians"}
 _FEWEST_PRESSES = 30
-"""Fewer names are numbers of repeats, or sessions, and no presses."""
+"""A column with fewer different names holds numbers of repeats, or sessions, and no presses."""
 _FAR_MM = 20.0
 """No soft sensor is pressed so deep: such depths are heights of a robot."""
 
@@ -56,7 +56,7 @@ class Guess:
 
     Attributes:
         options: Option -> value as text.
-        remarks: Option -> where the value comes from, or what to check.
+        remarks: Option -> source of the value, or what a person should check.
     """
 
     options: Mapping[str, str]
@@ -76,10 +76,15 @@ class Guess:
 
 
 def read_mapping(path: Path, params: Sequence[str] = ()) -> ImportOptions:
-    """Return the options of a mapping file; ``params`` as NAME=VALUE go before it.
+    """Return the options of a mapping file.
+
+    Args:
+        path: The file.
+        params: Options as NAME=VALUE, which go before those of the file.
 
     Raises:
-        UserError: The file cannot be read, or an option does not exist.
+        UserError: The file cannot be read or is no TOML, an option does not exist, or its value is
+            not allowed.
     """
     try:
         given = tomllib.loads(read_file(path).decode("utf-8"))
@@ -97,10 +102,10 @@ def read_mapping(path: Path, params: Sequence[str] = ()) -> ImportOptions:
 
 
 def write_mapping(path: Path, guess: Guess) -> None:
-    """Write a mapping file, where none is.
+    """Write a mapping file where none exists.
 
     Raises:
-        UserError: There is one, which a person may have corrected.
+        UserError: The file exists; a person may have corrected it.
     """
     if path.exists():
         raise UserError(f"{path} is there already; import with --map {path}, or remove it.")
@@ -112,53 +117,53 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     """Guess the options for a folder of frames with a table.
 
     Args:
-        folder: Holds a CSV file, and the frames in it or in a folder below; or the table of
-            ``channels`` that is known.
-        params: NAME=VALUE that is known; nothing is guessed of these.
+        folder: Folder with a CSV file, and with the frames in it or in a folder below; or with the
+            file of channels that ``params`` name.
+        params: Options that are known, as NAME=VALUE; they are not guessed.
 
     Raises:
         UserError: No table names frames of the folder, or no column is a place or a depth.
     """
     if not folder.is_dir():
         raise UserError(f"{folder} is no folder; give the one that holds the table.")
-    known = dict(text.partition("=")[::2] for text in params)
+    given = dict(text.partition("=")[::2] for text in params)
     read_options(params)  # an unknown option is named before anything is written
     remarks: dict[str, str] = {}
-    if "channels" in known:
-        table, column = _find_labels(folder, known), ""
+    if "channels" in given:
+        table, column = _find_labels(folder, given), ""
         options = {"table": table.path.name, "surface": "flat"}
         remarks["surface"] = "no table says it; remove the line if a dome is pressed"
     else:
-        table, column, frames = _find_table(folder, known.get("table", ""))
+        table, column, frames = _find_table(folder, given.get("table", ""))
         options = {"table": table.path.name, "column": column}
         if frames != folder:
             options["frames"] = frames.relative_to(folder).as_posix()
     numeric = [n for n in table.columns if n != column and _is_numeric(table, n)]
-    found = {role: _columns_of(role, numeric) for role in _WORDS if role != "press"}
-    for role in found.keys() & known:
-        found[role] = [table.column(name) for name in named(known[role])]
-    missing = [role for role in ("x", "y", "depth") if not found[role]]
+    columns = {role: _columns_of(role, numeric) for role in _WORDS if role != "press"}
+    for role in columns.keys() & given:
+        columns[role] = [table.column(name) for name in named(given[role])]
+    missing = [role for role in ("x", "y", "depth") if not columns[role]]
     if missing:
         raise UserError(
             f"{table.path} has no column that looks like {' or '.join(missing)}; its columns are "
             f"{', '.join(table.columns)}. Say which it is with --param {missing[0]}=COLUMN; of a "
             "plate, `tactibench data fit` reads the tilt."
         )
-    several = len(found["x"]) == len(found["y"]) == len(found["depth"]) > 1
-    if several:
+    lists_tips = len(columns["x"]) == len(columns["y"]) == len(columns["depth"]) > 1
+    if lists_tips:
         options["indenter"] = TIPS
         for role in ("x", "y", "depth"):
-            options[role] = ",".join(found[role])
+            options[role] = ",".join(columns[role])
     else:
-        options["indenter"] = DUAL if found["spacing"] else SINGLE
+        options["indenter"] = DUAL if columns["spacing"] else SINGLE
         for role in ("x", "y", "depth"):
-            options[role] = found[role][0]
-            if len(found[role]) > 1:
-                remarks[role] = f"or {', '.join(found[role][1:])}?"
+            options[role] = columns[role][0]
+            if len(columns[role]) > 1:
+                remarks[role] = f"or {', '.join(columns[role][1:])}?"
     if options["indenter"] == DUAL:
-        options["spacing"] = found["spacing"][0]
-        if found["yaw"]:
-            options["yaw"] = found["yaw"][0]
+        options["spacing"] = columns["spacing"][0]
+        if columns["yaw"]:
+            options["yaw"] = columns["yaw"][0]
             remarks["yaw"] = "0: the pair lies along x"
         heights = _numbered(numeric, ("height", "h"))
         if len(heights) == 2:
@@ -171,7 +176,7 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     _guess_zeros(options, remarks, table)
     options["radius_mm"] = "3.0"
     remarks["radius_mm"] = "of the tip; no table says it"
-    return Guess({**options, **known}, {k: v for k, v in remarks.items() if k not in known})
+    return Guess({**options, **given}, {k: v for k, v in remarks.items() if k not in given})
 
 
 def _words(name: str) -> list[str]:
@@ -181,7 +186,10 @@ def _words(name: str) -> list[str]:
 
 
 def _is_numeric(table: Table, name: str) -> bool:
-    """A column of tips that seldom press is mostly empty."""
+    """Return whether nearly all filled cells of a column are numbers.
+
+    Empty cells do not count: a column of tips that seldom press is mostly empty.
+    """
     cells = [cell for cell in table.cells[name] if cell.strip()]
     return bool(cells) and table.numeric_share(name) * len(table) >= 0.9 * len(cells)
 
@@ -205,7 +213,7 @@ def _numbered(names: Sequence[str], words: Sequence[str]) -> list[str]:
 
 
 def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
-    """Take the unit of lengths from a name, or from values that are too small for mm."""
+    """Guess units from names, or from values that are too small for mm or degrees."""
     places = options["x"].split(",") + options["y"].split(",")
     units = {u for n in places for u in _words(n)[1:] if u in _UNITS}
     if units:
@@ -227,7 +235,7 @@ def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table)
 
 
 def _guess_zeros(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
-    """Move places that never come near 0 to their middle, and depths to a shallowest one of 0."""
+    """Guess the zeros of places that never reach 0, and the sign and the zero of depths."""
     factor = MM_PER[options.get("unit", "mm")]
     for axis in "xy":
         values = factor * np.concatenate([_values(table, n) for n in options[axis].split(",")])
@@ -266,7 +274,7 @@ def _find_labels(folder: Path, known: Mapping[str, str]) -> Table:
 
 
 def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
-    """Return the table that names most frames, that column, and the folder of the frames."""
+    """Return the table that names most frames, its column of names, and the frames' folder."""
     paths = [folder / name] if name else sorted(folder.glob("*.csv"))
     below = sorted(p for p in folder.iterdir() if p.is_dir())
     places = [folder, *(folder / n for n in FRAME_FOLDERS if (folder / n) in below)]

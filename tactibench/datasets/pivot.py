@@ -1,7 +1,7 @@
 """Offset and pivot behind the labels of a plate, from how far its presses move the pins.
 
 indentation = z + a + p (1 - cos t) + q sin t, z the depth label, t the tilt label. It is what the
-robot travels from first touch; what holds the dome may give way meanwhile. The spread of a press
+robot travels from first touch; the holder of the dome may give way meanwhile. The spread of a press
 is the root mean square displacement of its pins about their mean, which an even shift of all pins
 leaves alone. It vanishes at first touch, grows with a power of the indentation, and depends on the
 tilt besides only through the perspective of the camera:
@@ -41,31 +41,34 @@ calibrated sensors, whose base gives way, get their own offset back with it: 4.9
 PIVOT_BIAS_STD = 1.2
 """mm by which p is off on those simulated presses: perspective changes more than a factor."""
 LEAST_SHEARED = 0.3
-"""Share of the presses that is taken where the table says how the plate was dragged along."""
+"""Share of the presses that is fitted where the table says how the plate was dragged along."""
 MOST = 1500
-"""Presses; more make the scatter smaller than the rest of the uncertainty."""
+"""Most presses that are fitted: more make the scatter smaller than the rest of the uncertainty."""
 FEWEST = 50
-"""Presses below which the fit is not stable."""
+"""Number of presses below which the fit is not stable."""
 FAINT = 0.05
-"""A press that moves the pins by less than this share of the strongest does not touch for sure."""
+"""A press that moves the pins by less than this share of the strongest may not touch at all."""
 
 MOST_LEFT_OUT = 0.2
 """Share of the presses that may move no pin; none does in the public recordings."""
 UNTOUCHED_MM = 0.5
 """Indentation that labels may give at most to presses that move no pin, at their median."""
 LEAST_FOLLOWING = 0.6
-"""Correlation of sin t with the place about which the pins spread: .95 and .96 in the public
+"""Least correlation of sin t with the place about which the pins spread: .95 and .96 in the public
 recordings, 0 where tilts belong to other frames."""
 MOST_MISFIT = 0.1
-"""Share of the spread: .025 and .029 in the public recordings, .14 and .15 where half of the
-depths are permuted, .40 and .47 where all are, .49 in a recording whose fit left the sine out."""
+"""Largest misfit, as a share of the spread: .025 and .029 in the public recordings, .14 and .15
+where half of the depths are permuted, .40 and .47 where all are, .49 in a recording whose fit left
+the sine out."""
 FARTHEST_MM = 300.0
-"""Distance of first touch from label 0, and of the pivot: a robot's tool is no longer. 5 and 21 mm
-in the public recordings; thousands where a tilt in rad or a depth in um was taken for deg or mm."""
+"""Largest distance of first touch from label 0, and of the pivot: a robot's tool is no longer. 5
+and 21 mm in the public recordings; thousands where a tilt in rad or a depth in um was taken for deg
+or mm."""
 SHALLOWEST_MM = 0.1
 """A deepest press below this was not given in mm."""
 MOST_ASKEW_DEG = 45.0
-"""Between where the pins spread and where they lean from: 2 and 0 deg in the public recordings."""
+"""Largest angle between the direction in which the pins spread and that from which they lean: 2 and
+0 deg in the public recordings."""
 
 _BATCH = 64
 """Frames whose pins are followed at once."""
@@ -74,7 +77,7 @@ _DEGREE = 4
 _NEAREST_MM = 1e-3
 """The smallest indentation in the logarithm, which has no value at 0."""
 _ROUNDS = 3
-"""Fits in turn, each with the scale of the residuals that the one before left."""
+"""Number of fits, each with the scale of the residuals that the one before left."""
 _SHEAR = re.compile(r"(move|shear)_([1-6]|[xyz]|R[xyz])")
 _TRAVEL = re.compile(r"(move|shear)_[123xyz]")
 
@@ -84,9 +87,9 @@ class Pivot:
     """Offset a and pivot p, q of a plate's labels.
 
     Attributes:
-        offset_mm: a.
-        pivot_mm: p, along the axis.
-        side_mm: q, beside it.
+        offset_mm: Offset a.
+        pivot_mm: Pivot p, along the axis.
+        side_mm: Pivot q, beside the axis.
         offset_std: Standard deviation of a, mm.
         pivot_std: Standard deviation of p, mm.
         side_std: Standard deviation of q, mm.
@@ -120,10 +123,10 @@ class RecordingFit:
         shear: Columns that say how the plate was dragged along.
         pins: Number of pins that were followed.
         lean_deg: Direction on the frame in which a positive tilt moves the contact, 0: right,
-            90: down. From where the pins spread.
-        askew_deg: Angle between that direction and where the pins lean from.
+            90: down. It is found from the places about which the pins spread.
+        askew_deg: Angle between that direction and the one from which the pins lean, deg.
         following: Correlation of sin t with the place about which the pins spread.
-        untouched_mm: Median indentation of the presses that were left out; 0 without any.
+        untouched_mm: Median indentation of the presses that were left out; 0 where there are none.
         deepest_mm: Largest indentation.
     """
 
@@ -148,7 +151,7 @@ class RecordingFit:
         }
 
     def contradiction(self) -> str:
-        """Return in words how the pins contradict the labels; "" where they do not."""
+        """Return in words how the pins contradict the labels; "" where they agree."""
         pivot = self.pivot
         total = pivot.presses + pivot.left_out
         if pivot.left_out > MOST_LEFT_OUT * total:
@@ -201,7 +204,7 @@ def fit_recording(
         options: Columns of depth and tilt.
         advance: Called with the number of frames that were read.
         side: Whether q is fitted, too; it is 0 otherwise.
-        most: Presses that are followed at most; None: MOST.
+        most: Largest number of presses that are followed; None: MOST.
 
     Raises:
         UserError: There is no rest frame, frames have colours, or labels or presses do not suffice.
@@ -285,7 +288,7 @@ def fit_pivot(
     """Fit offset and pivot to the spreads of presses.
 
     Args:
-        spread: (N,) of any unit.
+        spread: (N,) spreads of the pins, of any unit.
         depth: (N,) labels, mm; larger is deeper.
         tilt: (N,) labels, deg.
         shear: (N, S) labels of how the plate was dragged along.

@@ -1,8 +1,8 @@
-"""Labels held against frames: what the frames say of depth and place, and what they contradict.
+"""Comparison of labels with frames: the depths and places that the frames confirm or contradict.
 
-No model is trained. A deeper press moves pins or channels more; pins spread from where the tip is;
-skins that say the same were pressed at the same place; a label belongs to the frame of its own row
-and to no other. Wrong units show in lengths that no soft sensor has.
+No model is trained. A deeper press moves pins or channels more; pins spread from the place of the
+tip; frames that are alike were pressed at the same place; a label belongs to the frame of its own
+row and to no other. Wrong units show in lengths that no soft sensor has.
 """
 
 from __future__ import annotations
@@ -31,41 +31,43 @@ from tactibench.records.identity import code_hash, combined, digest
 FloatArray = npt.NDArray[np.float64]
 
 MOST = 200
-"""Presses that are looked at: about a second with 331 pins."""
+"""Most presses that are checked: about a second with 331 pins."""
 LEAST_RANK = 0.3
-"""Rank correlation of depth with how far the pins or channels move: .75 to .95 where labels are
-right, 0 where they belong to other frames, below 0 where depth counts the other way."""
+"""Least rank correlation of depth with how far the pins or channels move: .75 to .95 where labels
+are right, 0 where they belong to other frames, below 0 where depth counts the other way."""
 _REVERSED = 0.5
 """A rank correlation below minus this is no chance: the depth counts the other way."""
 LEAST_PLACED = 0.6
-"""Share of the variance of the place about which pins spread that x and y explain: above .9 where
-labels are right, below .5 where one column is another, 0 where they belong to other frames."""
+"""Least share of the variance of the place about which pins spread that x and y explain: above .9
+where labels are right, below .5 where a column is a wrong one, 0 where they belong to other
+frames."""
 LEAST_ALIKE = 0.6
-"""Correlation of a place with that of the press whose channels are most alike: .99 on the magnetic
-skin of eFlesh, 0 where a column belongs to other frames or is no place."""
+"""Least rank correlation of a place with that of the press whose channels are most alike: .99 on
+the magnetic skin of eFlesh, 0 where a column belongs to other frames or is no place."""
 AGAINST_DEG = 90.0
 """A positive tilt moves the contact down the frame (90 deg) in the public recordings and on the
-simulated sensors; more than this beside it, it rather moves up."""
+simulated sensors; at more than this angle from there, it rather moves up."""
 MOST_STRETCHED = 4.0
-"""Ratio of the scales of x and y on the frame, 1 to 1.3 of a camera that looks along the axis."""
+"""Largest ratio of the scales of x and y on the frame: 1 to 1.3 where a camera looks along the
+axis."""
 _DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
-"""Deepest press of a set: no soft sensor gives way farther, or shows less."""
+"""Limits of the deepest press of a set: no soft sensor gives way farther, or shows less."""
 _WIDEST_MM = 200.0
-"""Farthest place: no such sensor is so wide."""
+"""Largest distance of a place from the middle: no such sensor is so wide."""
 _LAGS = (-3, -2, -1, 1, 2, 3)
 _CLEARLY = 0.1
-"""By so much another row's depth correlates better than the row's own, where rows are shifted."""
+"""Rows are shifted where the depth of another row correlates better by this than the row's own."""
 
 
 @dataclass(frozen=True)
 class LabelReport:
-    """Facts of the frames beside what the labels say.
+    """The result of a comparison of labels with frames, in sentences.
 
     Attributes:
-        presses: Number of presses that were looked at.
-        facts: What was found, a line each.
-        contradictions: What cannot be true at once, with the remedy; empty where all agrees.
-        doubts: What may be wrong, but is right on some sensors; no run is refused for it.
+        presses: Number of presses that were checked.
+        facts: The findings.
+        contradictions: Facts that cannot be true at once, with the remedy; empty where all agree.
+        doubts: Facts that may be wrong, but are right on some sensors; no run is refused for them.
     """
 
     presses: int
@@ -80,14 +82,14 @@ def check_labels(
     options: ImportOptions,
     advance: Callable[[int], None] = lambda _: None,
 ) -> LabelReport:
-    """Hold the labels of a recording against its frames.
+    """Compare the labels of a recording with its frames.
 
-    Plates and single spherical tips are looked at; too few of them, or a recording without a rest
-    frame, is no contradiction.
+    Presses by plates and by single spherical tips are checked. Too few of them, or a recording
+    without a rest frame, are no contradiction.
 
     Args:
         recording: The recording.
-        scenes: What the labels say was pressed in every frame.
+        scenes: Scene of every frame according to its labels.
         options: Columns of a plate's labels.
         advance: Called with the number of frames that were read.
     """
@@ -163,16 +165,16 @@ def _check_tips(
     deep = depth[rows]
     touching = deep > 0
     rank = _rank_correlation(moved[touching], deep[touching])
-    what = "channels" if channels else "pins"
-    facts.append(f"the {what} move more the deeper the press: rank correlation {rank:.2f}")
+    noun = "channels" if channels else "pins"
+    facts.append(f"the {noun} move more the deeper the press: rank correlation {rank:.2f}")
     if rank < -_REVERSED:
         wrong.append(
-            f"the {what} move less the deeper the label (rank correlation {rank:.2f}): the depth "
+            f"the {noun} move less the deeper the label (rank correlation {rank:.2f}): the depth "
             "counts the other way; write -COLUMN for it"
         )
     elif rank < LEAST_RANK:
         wrong.append(
-            f"how far the {what} move does not follow the depth (rank correlation {rank:.2f}, at "
+            f"how far the {noun} move does not follow the depth (rank correlation {rank:.2f}, at "
             f"least {LEAST_RANK:g} is needed): the column is another one, or rows are shifted"
         )
     places = np.column_stack([x, y])[rows]
@@ -193,7 +195,7 @@ def _check_tips(
 def cached_report(
     recording: Recording, scenes: Sequence[Scene | None], options: ImportOptions
 ) -> LabelReport:
-    """Return ``check_labels``, which is kept in the cache."""
+    """Return the result of ``check_labels``, which is kept in the cache."""
     path = _cache_file("labels", recording, options.changed())
     try:
         stored = read_checked_json(path)
@@ -205,10 +207,16 @@ def cached_report(
 
 
 def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = True) -> RecordingFit:
-    """Return ``fit_recording``, which is kept in the cache. side: fit q; or else it is 0.
+    """Return the result of ``fit_recording``, which is kept in the cache.
+
+    Args:
+        recording: Presses of a flat plate.
+        options: Columns of depth and tilt.
+        side: Whether q is fitted, too; it is 0 otherwise.
 
     Raises:
-        UserError: As ``fit_recording``; or the pins contradict the labels.
+        UserError: The recording cannot be fitted, see ``fit_recording``, or its pins contradict the
+            labels.
     """
     path = _cache_file("fits", recording, [options.depth, options.tilt, side])
     try:
@@ -228,7 +236,7 @@ def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = Tru
 
 
 def _cache_file(kind: str, recording: Recording, options: Any) -> Path:
-    """Return where something about a recording is kept; equal code and options, equal files."""
+    """Return the cache file of a result; equal recordings, options and code have equal files."""
     code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
     key = digest({"recording": recording.sha256, "options": options, "code": code})
     path = cache_folder() / kind / f"{key[:24]}.json"
@@ -262,7 +270,11 @@ def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
 def _pins(
     recording: Recording, rows: npt.NDArray[np.intp], advance: Callable[[int], None]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far the pins of every row spread, px, and about which place, in pin radii."""
+    """Return the (N,) spread of the pins of every row, px, and the (N, 2) place about which, px.
+
+    Raises:
+        UserError: There is no rest frame, or its pins cannot be followed.
+    """
     from tactibench.images import gray
     from tactibench.markers import Tracker
 
@@ -280,7 +292,7 @@ def _pins(
 
 
 def _deviations(recording: Recording, rows: npt.NDArray[np.intp]) -> FloatArray:
-    """Return (N, C), how far the channels of rows are from their medians, in their own deviations.
+    """Return (N, C) deviations of channels from their medians, over the mean absolute deviation.
 
     Raises:
         UserError: No channel changes.
@@ -299,10 +311,10 @@ def _unlike(
     """Return how channels that are alike contradict the places x and y of their presses.
 
     Args:
-        channels: (N, C).
-        xy: (N, 2) mm.
-        presses: (N,) names; a press is not held against itself.
-        facts: Gets what was found.
+        channels: (N, C) channels of every row.
+        xy: (N, 2) places, mm.
+        presses: (N,) names of presses; a press is not compared with itself.
+        facts: List to which findings are added.
     """
     from scipy.spatial import cKDTree
 
@@ -334,7 +346,13 @@ def _rank_correlation(first: FloatArray, second: FloatArray) -> float:
 
 
 def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str]:
-    """Return how the places about which pins spread contradict x and y."""
+    """Return how the places about which pins spread contradict x and y.
+
+    Args:
+        middle: (N, 2) places about which the pins spread, px.
+        xy: (N, 2) places of the labels, mm.
+        facts: List to which findings are added.
+    """
     if np.ptp(xy[:, 0]) == 0 or np.ptp(xy[:, 1]) == 0:
         return []
     terms = np.column_stack([np.ones(len(xy)), xy])
@@ -370,8 +388,8 @@ def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str
 
 def _better_lag(rows: npt.NDArray[np.intp], moved: FloatArray, depth: FloatArray) -> int:
     """Return by how many rows the depths would have to move to fit clearly better; 0: they fit."""
-    own = abs(_rank_correlation(moved, depth[rows]))
-    best, best_rank = 0, own + _CLEARLY
+    unshifted = abs(_rank_correlation(moved, depth[rows]))
+    best, best_rank = 0, unshifted + _CLEARLY
     for lag in _LAGS:
         other = rows - lag
         inside = (other >= 0) & (other < len(depth))

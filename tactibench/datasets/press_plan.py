@@ -21,12 +21,12 @@ from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_press
 
 @dataclass(frozen=True)
 class Press:
-    """A press that is to be made.
+    """A press of a plan.
 
     Attributes:
         id: Id of its sample.
         name: Name of the press, which its samples share.
-        scene: What is pressed.
+        scene: Indenter and pose.
         draw: Name of the draw that it comes from.
     """
 
@@ -38,7 +38,7 @@ class Press:
 
 @dataclass(frozen=True)
 class PressSeries:
-    """Presses in order; whoever presses them, and whenever, the frames are the same.
+    """Presses in order, whose frames do not depend on the process that presses them, or the time.
 
     Attributes:
         presses: The presses.
@@ -107,7 +107,7 @@ def plan_of_file(path: Path, seed: int, count: int | None) -> PressPlan:
         count: Most presses to take; None takes all.
 
     Raises:
-        UserError: A line is wrong; the sentence names it.
+        UserError: The file is missing or empty, or a line is wrong; the sentence names it.
     """
     if not path.is_file():
         raise UserError(f"--plan {path} is no file; name a file of lines as in plan.jsonl.")
@@ -138,7 +138,8 @@ def plan_of_protocol(protocol: Protocol, sensor: SensorShape, count: int | None)
         count: Most presses of each set; None takes all.
 
     Raises:
-        UserError: The protocol presses nothing, or the sensor cannot be pressed so.
+        UserError: The protocol draws no presses or tests hard cases, or the sensor cannot be
+            pressed as deep as it asks.
     """
     split = protocol.split
     if split is None:
@@ -169,7 +170,7 @@ def plan_of_protocol(protocol: Protocol, sensor: SensorShape, count: int | None)
 
 
 def _subsets(protocol: Protocol, split: Split) -> list[tuple[str, Sequence[int], int]]:
-    """Return draw, rows of it, and the seed of the part that these rows are."""
+    """Return the draws, with rows of each, and the number of the part that these rows are."""
     sizes = {draw.name: _size(draw) for draw in protocol.draws}
     divided = split_presses(sizes[split.draw], split, protocol.data_seed)
     subsets: list[tuple[str, Sequence[int], int]] = [
@@ -179,8 +180,8 @@ def _subsets(protocol: Protocol, split: Split) -> list[tuple[str, Sequence[int],
     if split.draw in protocol.test.sets:
         subsets.append((split.draw, divided.test, TEST))
     names = [name for regime in protocol.regimes.values() for name in regime]
-    whole = dict.fromkeys([*names, *protocol.tested_draws])
-    return subsets + [(name, range(sizes[name]), WHOLE) for name in whole if name != split.draw]
+    draws = dict.fromkeys([*names, *protocol.tested_draws])
+    return subsets + [(name, range(sizes[name]), WHOLE) for name in draws if name != split.draw]
 
 
 def _size(draw: Draw) -> int:
@@ -190,7 +191,7 @@ def _size(draw: Draw) -> int:
 def _splits(
     protocol: Protocol, split: Split, ids: Mapping[tuple[str, int], list[int]]
 ) -> dict[str, dict[str, list[int]]]:
-    """Return one split a regime: what ``fit`` gets in it, and what the protocol tests on."""
+    """Return one split per regime: the ids that train and validate in it, and those of the test."""
     test = [
         ids.get((name, TEST), []) + ids.get((name, WHOLE), []) for name in protocol.tested_draws
     ]

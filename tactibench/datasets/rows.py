@@ -1,7 +1,7 @@
 """Lines of metadata.jsonl and plan.jsonl: samples and scenes as JSON, and back.
 
-Every key always has the same type, and what is not known is left out. Readers that take the type
-of a column from its first values (Hugging Face image folders, Arrow) then agree on it.
+Every key always has the same type, and unknown values are left out. Readers that take the type of a
+column from its first values (Hugging Face image folders, Arrow) then agree on it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _MOVE = ("dx_mm", "dy_mm", "dyaw_deg")
 class SceneKeys:
     """The keys of a scene: indenter and pose.
 
-    A plate has no indenter_radius_mm, a pose that did not move sideways no dx_mm, dy_mm, dyaw_deg.
-    A sample without a scene has none of the keys.
+    A plate has no indenter_radius_mm, and a pose that did not move sideways has no dx_mm, dy_mm,
+    dyaw_deg. A sample without a scene has none of the keys.
     """
 
     indenter: str | None = None
@@ -54,7 +54,7 @@ class SceneKeys:
             where: File and line, the beginning of an error's sentence.
 
         Raises:
-            UserError: A key of the scene is missing, or such an indenter cannot exist.
+            UserError: A key of the scene is missing, or its indenter cannot exist.
         """
         values = {key: getattr(self, key) for key in _POSE}
         moves = (self.dx_mm, self.dy_mm, self.dyaw_deg)
@@ -181,8 +181,13 @@ def read_row(line: bytes, where: str) -> Sample:
 def check_contacts(line: bytes, where: str, dome_radius_mm: float | None) -> None:
     """Check that the contacts of a line are those of its scene.
 
+    Args:
+        line: Line of metadata.jsonl.
+        where: File and line, the beginning of an error's sentence.
+        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
+
     Raises:
-        UserError: They are not.
+        UserError: The contacts differ from those of the scene.
     """
     row = _parse(line, where)
     contacts = contacts_of(row.scene(where), dome_radius_mm)
@@ -224,7 +229,7 @@ def json_line(value: dict[str, Any], what: str) -> bytes:
 
 
 def parse_object(line: bytes) -> dict[str, Any] | None:
-    """Return the JSON object of a line; None where the line is no whole object."""
+    """Return the JSON object of a line; None where the line is no complete object."""
     try:
         value = json.loads(line)
     except (ValueError, RecursionError):
@@ -236,8 +241,8 @@ def plan_lines(rows: Iterable[Mapping[str, Any]], plan: str = "the plan") -> byt
     """Return the lines of plan.jsonl.
 
     Args:
-        rows: Objects with an ``id`` and whatever else the recorder needs.
-        plan: Name of the plan for errors.
+        rows: Objects with an ``id`` and anything else that the recorder needs.
+        plan: Name of the plan, for errors.
 
     Raises:
         UserError: A value is no JSON, or an id is missing or repeated.
@@ -295,6 +300,11 @@ JsonTypes = dict[tuple[str, ...], str]
 def json_types(before: JsonTypes, value: Any, where: tuple[str, ...]) -> JsonTypes:
     """Return the types that were known before and those of a value, which may be null.
 
+    Args:
+        before: The types that were known before.
+        value: A JSON value.
+        where: Keys above the value.
+
     Raises:
         UserError: A place changes its type, which would break readers of the journal, or the value
             is no JSON.
@@ -310,7 +320,7 @@ def json_types(before: JsonTypes, value: Any, where: tuple[str, ...]) -> JsonTyp
 
 
 def _places(value: Any, where: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Give place and type of a value and of everything in it."""
+    """Yield place and type of a value and of everything in it."""
     for scalar in (bool, int, float, str):  # a bool is an int, so it comes first
         if isinstance(value, scalar):
             yield where, scalar.__name__

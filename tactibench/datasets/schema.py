@@ -1,14 +1,14 @@
 """Files, header and samples of a data set, format v1.
 
-dataset.json       the header: what holds for every sample; status open or closed
-plan.jsonl         what is to be recorded, where that is known beforehand
+dataset.json       the header: facts that hold for every sample; status open or closed
+plan.jsonl         the presses to be recorded, where they are known beforehand
 metadata.jsonl     the journal: one line for every finished sample (a Hugging Face image folder)
 images/000000/     PNG files, 1000 in a folder; images/reference/: the undeformed sensor
 channels.f32       in place of images, where the sensor is no camera: a row of float32 a sample
 events.jsonl       reference frames, stops, warnings
 splits/NAME.json   ids of training, validation and test samples
 checksums.json     hashes of header, events and splits of a data set that is closed
-.cache/  .trash/   derived arrays, and what repairs moved aside
+.cache/  .trash/   derived arrays, and files that repairs moved aside
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Header:
         signal: Shape of every sample's float32 channels; () where the samples are images.
         signal_names: Names of the channels, in their order, as far as they are known.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
-        source: The importer, its options and the sha256 of what was read.
+        source: The importer, its options and the sha256 of the files that it read.
         counts: Numbers of samples and presses, written when the data set is closed.
         journal_sha256: Hash of the journal, written when the data set is closed.
     """
@@ -111,13 +111,13 @@ class Header:
 
 @dataclass(frozen=True)
 class Sample:
-    """A finished sample: an image on the disk and what is known about it.
+    """A finished sample: an image or channels on the disk, and what is known about it.
 
     Attributes:
         id: Number of the sample, unique in the data set, 0 or more.
         file_name: The image's file, relative to the data set's folder, or that of all channels.
         sha256: Hash of the image's file, or of the sample's row of channels.
-        scene: What was pressed, with the pose that was reached; None where only labels are known.
+        scene: Indenter and the pose that it reached; None where only labels are known.
         labels: Labels as they were recorded, by their original names, mm and deg.
         press: Name that the samples of one press share. It is the unit of intervals and splits.
         attempt: 1 for the first attempt at this sample.
@@ -140,11 +140,11 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A sample that is to be written; see ``Sample`` for what the fields mean.
+    """A sample that is to be written; see ``Sample`` for the other fields.
 
     Attributes:
         signal: (H, W) gray or (H, W, 3) RGB uint8, or the bytes of such a PNG file, which are
-            written as they are; of a sensor without a camera float32 channels.
+            written as they are; for a sensor without a camera, float32 channels.
         press: Name of the press; an empty one becomes the id as text.
     """
 
@@ -187,7 +187,7 @@ def image_name(number: int) -> str:
 
 
 def image_number(name: str) -> int:
-    """Return the id of the sample that an image is of, by its name, see ``is_image_name``."""
+    """Return the id of an image's sample from the image's name, see ``is_image_name``."""
     return int(name.rpartition("/")[2].removesuffix(".png"))
 
 
@@ -258,7 +258,7 @@ def write_header(folder: Path, header: Header) -> None:
     """Write dataset.json.
 
     Raises:
-        UserError: The header could not be read again.
+        UserError: The header could not be read back: a value is wrong or no JSON.
     """
     _check_header(header, "the header of the data set")
     value = asdict(header)
@@ -281,7 +281,7 @@ def resume_header(folder: Path, expected: Header) -> Header:
     """Return the header on the disk, so that writing can continue.
 
     Raises:
-        UserError: The data set is closed, or another setting than the expected one is on the disk.
+        UserError: The data set is closed, or a setting on the disk is not the expected one.
     """
     header = read_header(folder)
     if header.status == "closed":
@@ -313,7 +313,7 @@ def _json_value(header: Header, key: str) -> Any:
 
 
 def _difference(key: str, before: Any, now: Any) -> str:
-    """Name the first key, however deep, that is not what it was; "" if there is none."""
+    """Return in words the first key, however deep, whose value differs; "" if there is none."""
     if before == now:
         return ""
     if isinstance(before, dict) and isinstance(now, dict):

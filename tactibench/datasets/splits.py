@@ -38,7 +38,7 @@ class Split:
     def of(
         cls, train: Sequence[int] = (), validation: Sequence[int] = (), test: Sequence[int] = ()
     ) -> Split:
-        """Return the split of id lists, each sorted."""
+        """Return the split with these ids, which are sorted in each subset."""
         lists = (train, validation, test)
         return cls(*(tuple(sorted(int(number) for number in ids)) for ids in lists))
 
@@ -54,7 +54,8 @@ def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]
     """Write splits/NAME.json.
 
     Raises:
-        UserError: The split leaks, the name cannot be used, or another split has it.
+        UserError: An id is no sample or is named twice, a press is in two subsets, the name cannot
+            be used, or another split has the name.
     """
     if not _NAME.fullmatch(name):
         raise UserError(
@@ -78,7 +79,8 @@ def check_split(split: Split, samples: Iterable[Sample], where: str) -> None:
     """Check that every id is a sample, once, and that no press is in two subsets.
 
     Raises:
-        UserError: It is not so; the sentence begins with ``where``.
+        UserError: An id is no sample or is named twice, or a press is in two subsets; the sentence
+            begins with ``where``.
     """
     press = {sample.id: sample.press for sample in samples}
     subset_of_id: dict[int, str] = {}

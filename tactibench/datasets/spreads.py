@@ -1,4 +1,4 @@
-"""The place about which pins spread, and how far."""
+"""The place about which pins spread, and how far they spread."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def middle_of_spread(moved: FloatArray, rest: FloatArray) -> FloatArray:
     by the displacements. An even shift of all pins is taken out first.
 
     Args:
-        moved: (N, P, 2) displacements, px.
-        rest: (P, 2) px.
+        moved: (N, P, 2) displacements of P pins, px.
+        rest: (P, 2) places of the pins at rest, px.
     """
     centred = moved - moved.mean(axis=1, keepdims=True)
     normal = np.stack([-centred[..., 1], centred[..., 0]], axis=-1)
@@ -48,8 +48,8 @@ def direction_of(middle: FloatArray, tilt: FloatArray) -> tuple[float, float]:
     """Return where a positive tilt moves the contact, and how closely the contact follows.
 
     Args:
-        middle: (N, 2) of ``middle_of_spread``.
-        tilt: (N,) deg.
+        middle: (N, 2) places from ``middle_of_spread``, px.
+        tilt: (N,) tilts of the plate, deg.
 
     Returns:
         Direction on the frame, deg, 0: right, 90: down; correlation of the place along it with
@@ -67,7 +67,7 @@ def lean_of(shift: FloatArray, tilt: FloatArray, shear: FloatArray | None = None
 
     Args:
         shift: (N, 2) mean displacement of a press's pins, px; they lean away from the contact.
-        tilt: (N,) deg.
+        tilt: (N,) tilts of the plate, deg.
         shear: (N, S) labels of how the plate was dragged along.
     """
     columns = np.zeros((len(tilt), 0)) if shear is None else shear

@@ -1,6 +1,6 @@
 """Files and folders that survive a crash, and the lock of a folder that is written.
 
-A file is there after a crash when its content and the folder that names it were synced.
+A file survives a crash when its content and the folder that names it were synced.
 """
 
 from __future__ import annotations
@@ -57,11 +57,11 @@ def sync_all() -> None:
 
 @contextmanager
 def new_folder(target: Path, source: Path) -> Iterator[Path]:
-    """Give a temporary neighbour of ``target``, which takes its name when all went well.
+    """Yield a temporary folder beside ``target``, which takes its name when the block succeeds.
 
     Args:
         target: The folder to make.
-        source: Folder of the data set, which nothing may be written into.
+        source: Folder of the data set, into which nothing may be written.
 
     Raises:
         UserError: ``target`` is a file, holds something, lies in ``source``, or has no parent.
@@ -92,7 +92,7 @@ def write_new_text(path: Path, text: str) -> None:
     """Write a text file under a free name.
 
     Raises:
-        UserError: Something has the name already, or the folder is missing.
+        UserError: A file or folder has the name already, or the folder above is missing.
     """
     _refuse_missing_parent(path)
     if path.exists() or path.is_symlink():
@@ -137,7 +137,7 @@ class WriterLock:
         self._owner_file.write_text(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
 
     def release(self) -> None:
-        """Let another writer in. A second call does nothing."""
+        """Release the lock, so that another writer can take it. A second call does nothing."""
         if self._lock.is_locked:
             self._owner_file.unlink(missing_ok=True)
             if os.name == "posix":  # while it is held: whoever waits finds the file gone

@@ -19,7 +19,7 @@ TIP_COUNT = {SINGLE: 1, DUAL: 2, TRIPLE: 3}
 
 
 def named(text: str) -> list[str]:
-    """Return the names in a list with commas, without the '-' of a column counted backwards."""
+    """Return the names in a list with commas, without the '-' of a negated column."""
     return [name.removeprefix("-") for name in _texts(text)]
 
 
@@ -28,7 +28,7 @@ def _texts(text: str) -> list[str]:
 
 
 def is_number(text: str) -> bool:
-    """Return whether a role is a number for all rows, in place of a column."""
+    """Return whether a text is a number for all rows, in place of a column."""
     try:
         float(text)
     except ValueError:
@@ -37,10 +37,10 @@ def is_number(text: str) -> bool:
 
 
 def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
-    """Return role -> columns or number, of those that an indenter needs.
+    """Return role -> columns or number, for the roles that an indenter needs.
 
     Raises:
-        UserError: A pair without a spacing, or lists of different lengths.
+        UserError: A pair or a triangle has no spacing, or lists of columns have wrong lengths.
     """
     roles = {"x": options.x, "y": options.y, "depth": options.depth}
     if indenter == TIPS:
@@ -78,7 +78,7 @@ def named_columns(options: ImportOptions, indenter: str) -> set[str]:
 
 
 def may_be_empty(options: ImportOptions, indenter: str) -> set[str]:
-    """Return the columns of which a cell may be empty: where fewer tips pressed."""
+    """Return the columns in which a cell may be empty, because fewer tips pressed."""
     if indenter == TIPS:
         return {name for text in (options.x, options.y, options.depth) for name in named(text)}
     if indenter in (DUAL, TRIPLE):
@@ -94,11 +94,18 @@ def tip_scenes(
     indenter: str,
     table: Path,
 ) -> tuple[Scene, ...]:
-    """Return what was pressed in every row.
+    """Return the scene of every row.
 
-    A row of a pair or a triangle without a spacing was pressed by one tip; a list of contacts is as
-    long as its cells are filled. Depths of a list are each tip's own; that of the others belongs to
-    the tip that touches first.
+    A row of a pair or a triangle without a spacing was pressed by one tip; a list of contacts has
+    as many as its filled cells. In a list every tip has its own depth; the depth of the other
+    indenters belongs to the tip that touches first.
+
+    Args:
+        labels: Column -> (N,) values.
+        columns: Role (depth, x, y, spacing, ...) -> column, columns or number.
+        options: Geometry behind the labels.
+        indenter: "single", "dual", "triple" or "tips".
+        table: The file of the labels, for errors.
 
     Raises:
         UserError: A cell is empty where its neighbour is not, a spacing is not positive, or a
@@ -108,7 +115,7 @@ def tip_scenes(
     scale = MM_PER[options.unit]
 
     def column(text: str, factor: float = 1.0) -> FloatArray:
-        """Values of a column or of a number, (N,); a number is in mm or deg already."""
+        """Return the (N,) values of a column or of a number, which is in mm or deg already."""
         if is_number(text):
             return np.full(count, float(text))
         sign = -1.0 if text.startswith("-") else 1.0
@@ -175,12 +182,12 @@ def _list_scene(
         raise UserError(
             f"{where}: contact {partly[0] + 1} lacks its x, y or depth; fill all three or none."
         )
-    kept = cells[~empty.any(axis=1)]
-    if not len(kept):
+    filled = cells[~empty.any(axis=1)]
+    if not len(filled):
         raise UserError(f"{where} holds no contact; remove the row or fill it.")
     try:
         return scene_of_contacts(
-            kept[:, :2], kept[:, 2], options.radius_mm, options.surface_radius_mm
+            filled[:, :2], filled[:, 2], options.radius_mm, options.surface_radius_mm
         )
     except ValueError as error:
         raise UserError(f"{where}: {error}; correct x and y or their zeros.") from None

@@ -1,4 +1,4 @@
-"""Checking every file of a data set against what was written."""
+"""Comparison of every file of a data set with what was written."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def count_samples(folder: Path) -> int:
 
 
 def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list[str]:
-    """Read and hash every image or row of channels; check journals, plan, splits, derived arrays.
+    """Check every image or row of channels, the journals, the plan, splits and derived arrays.
 
     Args:
         folder: The data set's folder, in which nothing is changed.
@@ -88,7 +88,7 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
 
 
 def _finding(check: Callable[..., object], *arguments: object) -> Iterator[str]:
-    """Give the sentence with which a check refuses its arguments."""
+    """Yield the sentence with which a check refuses its arguments, if it does."""
     try:
         check(*arguments)
     except UserError as error:
@@ -98,7 +98,14 @@ def _finding(check: Callable[..., object], *arguments: object) -> Iterator[str]:
 def _check_contacts(
     path: Path, header: Header, journal: Lines, samples: Iterable[int]
 ) -> Iterator[str]:
-    """Give findings on the contacts in lines of the journal, by their numbers."""
+    """Yield findings on the contacts in lines of the journal.
+
+    Args:
+        path: Path of the journal.
+        header: The data set's header.
+        journal: Lines of the journal.
+        samples: Numbers of the lines that hold a sample, from 1.
+    """
     for number in samples:
         where = f"{path} line {number}"
         yield from _finding(check_contacts, journal.whole[number - 1], where, header.dome_radius_mm)
@@ -140,7 +147,7 @@ def _check_signals(
     samples: Mapping[int, Sample],
     advance: Callable[[int], None],
 ) -> Iterator[str]:
-    """Give findings on images or channels, in the order of the journal."""
+    """Yield findings on images or channels, in the order of the journal."""
     kind = header.kind
 
     def check(number: int, sample: Sample) -> list[str]:

@@ -1,7 +1,7 @@
 """Writing a data set so that what was acknowledged survives a crash.
 
 A sample is acknowledged when ``add`` returns. Until then: image to a temporary name, fsync, rename,
-fsync of the folder, line to the journal, fsync. Channels are added to their file instead of that.
+fsync of the folder, line to the journal, fsync. Channels are added to their file instead.
 ``add_many`` acknowledges several samples together and waits for the disk as often as for one.
 """
 
@@ -57,7 +57,7 @@ from tactibench.errors import UserError
 from tactibench.records.files import atomic
 
 PlanRow = Mapping[str, Any]
-"""``id`` and whatever else the recorder needs to press the sample."""
+"""``id`` and anything else that the recorder needs to press the sample."""
 
 
 class Writer:
@@ -68,8 +68,8 @@ class Writer:
     Args:
         folder: The data set's folder; it is made if it is missing.
         header: Facts that hold for every sample.
-        plan: What is to be recorded, each row with an ``id``. The data set stays open until every
-            id of the plan is there.
+        plan: The presses to be recorded, each row with an ``id``. The data set stays open until it
+            holds every id of the plan.
         fsync: False waits for the disk once, in ``close``, and acknowledges nothing before; for
             data that can be made again.
 
@@ -78,8 +78,8 @@ class Writer:
         repaired: One sentence for each thing that an interrupted writer left and that was repaired.
 
     Raises:
-        UserError: The folder holds something else, another plan or other settings, or another
-            writer is at work.
+        UserError: The folder holds files but no data set, a data set that is closed or has another
+            plan or other settings, or another writer is at work.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Writer:
         self._is_open = True
 
     def _begin(self, header: Header, rows: Sequence[PlanRow]) -> None:
-        """Write header and plan of a new data set, or check and repair the one that is there."""
+        """Write header and plan of a new data set, or check and repair an existing one."""
         lines = plan_lines(rows)
         self._plan_ids = frozenset(row["id"] for row in rows)
         self.header = replace(header, plan_sha256=plan_hash(lines))
@@ -147,7 +147,7 @@ class Writer:
 
     @property
     def done(self) -> frozenset[int]:
-        """Ids of the samples that are there."""
+        """Ids of the samples that were written."""
         return frozenset(self._samples)
 
     @property
@@ -164,8 +164,8 @@ class Writer:
         """Write one sample; when this returns, the disk has it.
 
         Raises:
-            UserError: The id is there already, or the sample is not like the others; nothing was
-                written.
+            UserError: The id exists already or is not in the plan, or the sample differs in kind
+                from the others; nothing was written.
             OSError: The disk refused.
         """
         return self.add_many([draft])[0]
@@ -173,7 +173,12 @@ class Writer:
     def add_many(self, drafts: Sequence[Draft]) -> tuple[Sample, ...]:
         """Write samples that are acknowledged together.
 
-        It does what ``add`` of each would do, several times faster on a slow disk.
+        The result is that of ``add`` for each, several times faster on a slow disk.
+
+        Raises:
+            UserError: An id exists already or is not in the plan, or a sample differs in kind from
+                the others; nothing was written.
+            OSError: The disk refused.
         """
         self._check_open()
         self._check_ids(drafts)
@@ -207,6 +212,10 @@ class Writer:
 
         The first one is the data set's rest frame. The same signal again changes nothing; another
         one is written beside it.
+
+        Raises:
+            UserError: The signal differs in shape or type from the data set's samples.
+            OSError: The disk refused.
         """
         self._check_open()
         data = signal_bytes(signal, self.header.kind, "the reference frame")
@@ -224,10 +233,10 @@ class Writer:
         self._events.append(event)
 
     def event(self, kind: str, **facts: Any) -> None:
-        """Note what happened: a stop, a recovery, a warning.
+        """Write an event, such as a stop, a recovery or a warning.
 
         Raises:
-            UserError: A fact is no JSON.
+            UserError: A fact is no JSON value.
         """
         self._check_open()
         event = _event(kind, **facts)
@@ -244,13 +253,14 @@ class Writer:
         """Write splits/NAME.json.
 
         Raises:
-            UserError: Two subsets share a press.
+            UserError: An id is no sample or is named twice, a press is in two subsets, the name
+                cannot be used, or another split has the name.
         """
         self._check_open()
         write_split(self.folder, name, Split.of(train, validation, test), self.samples)
 
     def close(self) -> None:
-        """Close the data set, so that nothing can be added any more.
+        """Close the data set, so that nothing more can be added.
 
         It stays open while ids of its plan are missing. A second call does nothing.
         """
@@ -279,7 +289,7 @@ class Writer:
         self.leave_open()
 
     def _index(self) -> JournalIndex:
-        """Return the index of the whole journal, and write it where it saves time."""
+        """Return the index of the complete journal, and write it where it saves time."""
         lines = read_lines(self.folder / JOURNAL)
         ends = np.cumsum([len(line) + 1 for line in lines.whole], dtype=np.int64)
         ids = np.fromiter(self._samples, np.int64, len(self._samples))

@@ -145,7 +145,15 @@ class Model(ABC):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Learn from labelled frames. The same state of ``rng`` must give the same weights."""
+        """Learn from labelled frames.
+
+        Args:
+            frames: Frames to learn from.
+            truth: The true answer to every frame.
+            validation: Frames that are not learned from, and their true answers.
+            rng: Source of all randomness; the same state must give the same weights.
+            progress: Listener to call at each step and epoch.
+        """
 
     @abstractmethod
     def predict(self, frames: Sequence[Frame]) -> Sequence[Answer | None]:
@@ -278,7 +286,11 @@ class Sensor(ABC):
 
     @abstractmethod
     def press(self, scene: Scene) -> Frame:
-        """Press once. Raise UserError for a scene that cannot be pressed."""
+        """Press once and return the frame.
+
+        Raises:
+            UserError: The scene cannot be pressed.
+        """
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Export of a data set as a folder of the Bristol tactile stack.
 
 It holds ``sensor_images/``, ``targets*.csv`` and ``*_params.json``. Besides the keys of that stack,
-the params say which column is which label, and what was pressed, so that an import makes the data
+the params name the column of every label and the indenters, so that an import makes the same data
 set again.
 
 A pose of a scene is that of the indenter in the sensor's frame, with extrinsic rotations about
@@ -76,7 +76,7 @@ class Columns:
     optional: tuple[str, ...] = ()
 
     def order(self) -> list[str]:
-        """Return the header: the frame, the pose, everything else, where the frame belongs."""
+        """Return the columns in order: frame, object, pose, numbers, press, session, optional."""
         numbers = [*self.scene.values(), *self.zero, *self.labels.values()]
         pose = [name for name in POSE if name in numbers]
         others = [name for name in numbers if name not in POSE]
@@ -87,33 +87,43 @@ class Columns:
 def columns_of(samples: Sequence[Sample]) -> Columns:
     """Return the columns of samples.
 
-    Labels keep their names, but ``pose_1`` ... become ``pose_x`` .... Where no label is a pose, the
-    scene's pose takes these columns.
+    Labels keep their names, but ``pose_1`` ... become ``pose_x`` .... Where no label is a pose,
+    these columns hold the pose of the scene.
     """
     labels = list(dict.fromkeys(name for sample in samples for name in sample.labels))
-    taken = {NAME, OBJECT, PRESS, SESSION, ATTEMPT, TIME, EXTRA}
-    taken |= {name for name in labels if name in POSE}
+    used = {NAME, OBJECT, PRESS, SESSION, ATTEMPT, TIME, EXTRA}
+    used |= {name for name in labels if name in POSE}
     columns = {name: name for name in labels if name in POSE}
     for name in (name for name in labels if name not in columns):
         plain = " ".join(name.split()) or "label"  # readers of tables strip names of columns
         alias = ALIAS.get(name, plain)
-        columns[name] = _free_name(plain if alias in taken else alias, taken)
+        columns[name] = _free_name(plain if alias in used else alias, used)
     optional = _optional_columns(samples)
     if not any(sample.scene is not None for sample in samples):
         return Columns(columns, {}, (), optional)
     moves = {}
     if any(sample.scene is not None and sample.scene.pose.moved for sample in samples):
-        moves = {field: _free_name(name, taken) for field, name in _MOVE_COLUMNS.items()}
-    if not taken & set(POSE):
+        moves = {field: _free_name(name, used) for field, name in _MOVE_COLUMNS.items()}
+    if not used & set(POSE):
         return Columns(columns, {**_POSE_COLUMNS, **moves}, (_NOT_TURNED,), optional)
-    scene = {field: _free_name(f"scene_{field}", taken) for field in _POSE_COLUMNS}
+    scene = {field: _free_name(f"scene_{field}", used) for field in _POSE_COLUMNS}
     return Columns(columns, {**scene, **moves}, (), optional)
 
 
 def write_bristol(
     dataset: Dataset, folder: Path, samples: Sequence[Sample], advance: Callable[[int], None]
 ) -> None:
-    """Write frames, targets, params and splits. Raises UserError for channels."""
+    """Write frames, targets, params and splits.
+
+    Args:
+        dataset: The data set.
+        folder: An existing, empty folder.
+        samples: The samples to write.
+        advance: Called with the number of samples that were finished.
+
+    Raises:
+        UserError: The samples hold channels, or an image is not the file that was written.
+    """
     rest = dataset.rest_image
     images = folder / IMAGES
     images.mkdir()
@@ -130,7 +140,7 @@ def write_bristol(
         rows.append({NAME: name, **_row(sample, columns, objects)})
         advance(1)
     text = _csv(columns.order(), rows)
-    for name in TARGETS:  # what was asked for and what was reached; a data set knows the second
+    for name in TARGETS:  # poses asked for, poses reached: a data set knows the latter
         (folder / name).write_bytes(text)
     header = dataset.header
     write_json(
@@ -205,7 +215,7 @@ def _row(sample: Sample, columns: Columns, objects: Mapping[Indenter, str]) -> d
 
 
 def _limits(rows: Iterable[Mapping[str, str]]) -> dict[str, list[float]]:
-    """Return ``pose_llims`` and ``pose_ulims`` of the convention, where all poses are whole."""
+    """Return ``pose_llims`` and ``pose_ulims`` of the convention, where all poses are complete."""
     poses = [[row.get(name, "") for name in POSE] for row in rows]
     if not all(all(pose) for pose in poses):
         return {}

@@ -13,7 +13,7 @@ from tactibench.datasets.splits import SUBSETS
 from tactibench.png import ImageKind
 
 _LONGEST = 120
-"""Characters of a fact that is short enough for a card; longer ones stand in the header only."""
+"""Most characters of a fact on the card; longer ones stand in the header only."""
 _TAGS = ("tactile", "tactile-sensing", "robotics", "tactibench")
 _SIZES = (
     (1_000, "n<1K"),
@@ -25,7 +25,8 @@ _SIZES = (
 """The Hub's classes of size, each with its limit."""
 
 UNKNOWN = "unknown"
-"""The Hub's name, too: https://huggingface.co/docs/hub/repositories-licenses."""
+"""Name for a licence that nobody stated, as on the Hub:
+https://huggingface.co/docs/hub/repositories-licenses."""
 _SPDX = (
     *("Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "MPL-2.0", "Unlicense", "AGPL-3.0-only"),
     *("GPL-2.0-only", "GPL-3.0-only", "GPL-3.0-or-later", "LGPL-2.1-only", "LGPL-3.0-only"),
@@ -63,7 +64,7 @@ def write_card(
         *_settings(dataset),
         *_label_table(samples),
         "## Units and frames of reference",
-        f"Units: {', '.join(f'{what} in {unit}' for what, unit in header.units.items())}; "
+        f"Units: {', '.join(f'{quantity} in {unit}' for quantity, unit in header.units.items())}; "
         f"angles are rotations about the axes {header.axes!r}.",
         *(
             f"Frame of reference '{name}': {_one_line(text)}."
@@ -80,7 +81,7 @@ def write_card(
 
 
 def licence_name(licence: str | None) -> str | None:
-    """Return the licence as SPDX writes it, None where nobody said what it is."""
+    """Return the licence as SPDX writes it, None where nobody stated it."""
     text = _one_line(licence or "")
     if text.lower() in {"", UNKNOWN, "none"}:
         return None
@@ -88,7 +89,7 @@ def licence_name(licence: str | None) -> str | None:
 
 
 def hub_licence(licence: str | None) -> dict[str, str]:
-    """Return the keys of the front matter for a licence that ``licence_name`` gave."""
+    """Return the keys of the front matter for a licence that ``licence_name`` returned."""
     if licence is None:
         return {"license": UNKNOWN}
     if licence not in _SPDX:
@@ -158,7 +159,7 @@ def _describe_sensor(dataset: Dataset) -> str:
 
 
 def _describe_presses(samples: Sequence[Sample]) -> list[str]:
-    """Say how many presses there are, of what, and how deep."""
+    """Return sentences on the numbers of samples and presses, the indenters, depths and tilts."""
     presses = len({sample.press for sample in samples})
     bad = sum(sample.status != "ok" for sample in samples)
     marked = f", {bad:,} of them marked bad" if bad else ""
@@ -168,10 +169,10 @@ def _describe_presses(samples: Sequence[Sample]) -> list[str]:
     scenes = [sample.scene for sample in samples if sample.scene is not None]
     if scenes:
         kinds = Counter(_one_line(scene.indenter.name) for scene in scenes)
-        what = ", ".join(f"{name} ({number:,})" for name, number in kinds.items())
+        indenters = ", ".join(f"{name} ({number:,})" for name, number in kinds.items())
         depth = _range(scene.pose.depth for scene in scenes)
         tilt = _range(scene.pose.tilt for scene in scenes)
-        sentences.append(f"Pressed by: {what}; depth {depth} mm, tilt {tilt} deg.")
+        sentences.append(f"Pressed by: {indenters}; depth {depth} mm, tilt {tilt} deg.")
     if len(scenes) < len(samples):
         number = _count(len(samples) - len(scenes), "sample")
         sentences.append(f"{number} with pose labels alone, as they were recorded.")
@@ -179,7 +180,7 @@ def _describe_presses(samples: Sequence[Sample]) -> list[str]:
 
 
 def _settings(dataset: Dataset) -> list[str]:
-    """List the short facts about sensor and source, one a line."""
+    """Return the short facts about sensor and source as a list, one per line."""
     facts = {
         **{f"sensor {key}": value for key, value in dataset.header.sensor.items()},
         **{f"source {key}": value for key, value in dataset.header.source.items()},
@@ -232,7 +233,7 @@ def _one_line(text: str) -> str:
 
 
 def _count(number: int, one: str, many: str = "") -> str:
-    """Return ``1 sample``, ``5,000 samples``."""
+    """Return a number with its noun: ``1 sample``, ``5,000 samples``."""
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
 
 

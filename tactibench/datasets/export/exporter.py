@@ -1,4 +1,4 @@
-"""Export of a data set: the formats by name, and what they have in common."""
+"""Export of a data set: the formats by name, and the steps that they have in common."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactibench.png import encode_png
 
 CARD = "README.md"
 REST, REST_CHANNELS, HEADER_COPY = "rest.png", "rest.npy", "header.json"
-"""Files beside Parquet files; called dataset.json, the header would make them a data set."""
+"""Files beside Parquet files. A header called dataset.json would make the folder a data set."""
 ALL = "train"
 """Subset of all samples where there is no split: Hugging Face's name for data without one."""
 UNASSIGNED = "unassigned"
@@ -58,21 +58,21 @@ def export_dataset(
     split: str | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> Export:
-    """Write a data set in another format; all of it, or nothing.
+    """Write a data set in another format, completely or not at all.
 
     Samples that are marked bad are left out of the copies.
 
     Args:
         dataset: The data set.
-        target: A new or empty folder; of ``card`` a folder that is there, or the name of a new
-            file.
+        target: A new or empty folder; for ``card`` an existing folder, or the name of a new file.
         format: One of EXPORT_FORMATS.
-        split: Split whose subsets become files of their own; None: the only one there is. The
-            files of ``bristol`` are not divided.
+        split: Split whose subsets become files of their own; None: the only split. The files of
+            ``bristol`` are not divided.
         advance: Called with the number of samples that were finished.
 
     Raises:
-        UserError: The format or the split is unknown, the target is taken, or an image is damaged.
+        UserError: The format or the split is unknown, there are several splits and none is named,
+            the target is taken, or an image is damaged.
     """
     if format not in EXPORT_FORMATS:
         raise UserError(f"unknown format {format!r}; {did_you_mean(format, EXPORT_FORMATS)}")
@@ -104,12 +104,12 @@ def export_dataset(
 
 
 def select_samples(dataset: Dataset, split: str | None) -> dict[str, tuple[Sample, ...]]:
-    """Return the good samples by the subset of a split; without one all are in one subset.
+    """Return the good samples by the subset of a split; without a split all are in one subset.
 
     Samples are in the order of their ids, and no subset is empty.
 
     Raises:
-        UserError: There is no such split, or no good sample.
+        UserError: The data set has no such split, or no good sample.
     """
     if split is not None and split not in dataset.splits:
         advice = did_you_mean(split, dataset.splits)
@@ -130,7 +130,7 @@ def _only_split(dataset: Dataset) -> str | None:
     """Return the name of the only split, None where there is none.
 
     Raises:
-        UserError: There are several.
+        UserError: There are several splits.
     """
     names = sorted(dataset.splits)
     if len(names) > 1:
@@ -141,7 +141,7 @@ def _only_split(dataset: Dataset) -> str | None:
 
 
 def _copy_facts(dataset: Dataset, folder: Path) -> None:
-    """Write what Parquet files do not say: the header and the sensor at rest."""
+    """Write the facts that Parquet files do not hold: the header and the sensor at rest."""
     (folder / HEADER_COPY).write_bytes((dataset.folder / HEADER).read_bytes())
     if isinstance(dataset.header.kind, ChannelKind):
         if dataset.rest is not None:

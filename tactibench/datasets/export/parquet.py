@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SHARD_BYTES = 500_000_000
 """Size to which Hugging Face divides its own Parquet files."""
 ROW_GROUP = 100
-"""Rows that are read at once: what the Hub's viewer asks of images."""
+"""Rows that are read at once, as many as the Hub's viewer expects for images."""
 
 _POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
 
@@ -37,11 +37,18 @@ def write_parquet(
 ) -> None:
     """Write ``data/train-00000-of-00001.parquet`` ...: the columns of the journal and the signal.
 
-    It is the column ``image``, or ``channels`` (float32) of a sensor without a camera. Columns
-    that no sample has are left out; ``extra`` is JSON text.
+    The signal is the column ``image``, or ``channels`` (float32) of a sensor without a camera.
+    Columns that no sample has are left out; ``extra`` is JSON text.
+
+    Args:
+        dataset: The data set.
+        folder: An existing folder without ``data``.
+        subsets: Subset -> its samples.
+        advance: Called with the number of samples that were finished.
+        shard_bytes: Largest size of the images or channels in a file, bytes.
 
     Raises:
-        UserError: pyarrow is not installed.
+        UserError: pyarrow is not installed, or an image cannot be read.
     """
     try:
         import pyarrow.parquet as pq
@@ -77,7 +84,10 @@ def _file_size(path: Path) -> int:
 
 
 def divide(sizes: Sequence[int], limit: int) -> list[range]:
-    """Return consecutive ranges whose sizes add up to at most ``limit``, or hold a single item."""
+    """Return consecutive ranges of items whose sizes add up to at most ``limit``.
+
+    An item that is larger has a range of its own.
+    """
     shards: list[range] = []
     start, total = 0, 0
     for item, size in enumerate(sizes):
@@ -131,7 +141,7 @@ def parquet_schema(samples: Sequence[Sample], *, images: bool = True) -> pa.Sche
 
 
 def _feature(kind: pa.DataType) -> Any:
-    """Return a type as ``datasets.Features.to_dict`` does; lists as all its versions read."""
+    """Return a type as ``datasets.Features.to_dict`` does; lists as all versions read them."""
     import pyarrow as pa
 
     if pa.types.is_struct(kind):

@@ -4,8 +4,8 @@ Generations differ in the column that names the frames (image_name; sensor_image
 (pose_1 ... pose_6; pose_x ... pose_Rz, with shear_* and object_*), in the folder of the frames and
 in the files that say how they were taken (meta.json; *_params.json). Names may have backslashes.
 
-A folder that tactibench exported also says in its params which column is which label, and what was
-pressed: it becomes the data set that it was.
+The params of a folder that tactibench exported also name the column of every label and the
+indenters, so that an import makes the same data set again.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ _SPLITS = TypeAdapter(dict[str, dict[Literal["train", "validation", "test"], lis
 
 
 def find_targets(folder: Path) -> Path | None:
-    """Return the table of a folder; None if the folder is no such recording."""
+    """Return the table of a folder; None if the folder is no Bristol recording."""
     return next((folder / name for name in TARGETS if (folder / name).is_file()), None)
 
 
@@ -139,10 +139,12 @@ def _frames_folder(folder: Path, name: str) -> Path:
 
 
 def _read_about(files: list[Path], *, needed: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return what files beside the table say, and notes about those that cannot be read.
+    """Return the content of files beside the table, and notes about those that cannot be read.
 
-    needed: they say what the columns mean, as in a folder that tactibench exported; elsewhere they
-    only describe the recording, which can be read without.
+    Args:
+        files: The files.
+        needed: Whether the files say what the columns mean, as in a folder that tactibench
+            exported. Elsewhere they only describe the recording, which can be read without them.
 
     Raises:
         UserError: A file that is needed cannot be read.
@@ -171,7 +173,7 @@ def _read_json(path: Path) -> Any:
 
 
 def _is_export(about: Mapping[str, Any]) -> bool:
-    """Return whether tactibench exported the folder: others' params have no such keys."""
+    """Return whether tactibench exported the folder: other params do not have these keys."""
     collect, environment = about.get(COLLECT), about.get(ENVIRONMENT)
     if not isinstance(collect, dict) or not isinstance(environment, dict):
         return False
@@ -179,7 +181,11 @@ def _is_export(about: Mapping[str, Any]) -> bool:
 
 
 def _read_splits(path: Path, table: Table, name_column: str) -> dict[str, Split]:
-    """Return the splits of an export as row numbers."""
+    """Return the splits of an export as row numbers; {} where it has none.
+
+    Raises:
+        UserError: The file cannot be read, or names a frame that is in no row.
+    """
     if not path.is_file():
         return {}
     try:
@@ -204,7 +210,7 @@ def _read_splits(path: Path, table: Table, name_column: str) -> dict[str, Split]
 
 
 def _read_export(folder: Path, table: Table, about: Mapping[str, Any]) -> FrameLabels:
-    """Return what an export of tactibench says about its samples."""
+    """Return the labels and scenes that an export of tactibench states for its samples."""
     collect = _validate(CollectParams, folder / COLLECT, about)
     environment = _validate(EnvironmentParams, folder / ENVIRONMENT, about)
     sensor = _validate(SensorParams, folder / SENSOR, about)

@@ -1,4 +1,4 @@
-"""Frames as a camera gave them: pins cut out of raw pictures, a rest frame that was not taken."""
+"""Preparation of camera frames: pins cut out of raw pictures, and an estimate of the rest frame."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from tactibench.errors import UserError
 from tactibench.markers.pin_view import find_pin_view, is_raw
 
 _PROBES = 5
-"""Frames that are asked whether they are raw where there is no rest frame."""
+"""Frames that are tested for raw pictures where there is no rest frame."""
 _LIGHT_MM = 0.3
-"""Depth to which a tip counts as hardly pressed: pins move by less than its tenth."""
+"""Depth to which a tip counts as hardly pressed: pins move by less than a tenth of it."""
 _FEWEST, _MOST = 9, 25
-"""Hardly pressed frames from which the rest frame is taken: in the median of nine at different
-places, the two or three in which a pin was moved do not count."""
+"""Numbers of hardly pressed frames from which the rest frame is estimated: in the median of nine at
+different places, the two or three in which a pin was moved do not count."""
 
 
 def prepare_frames(recording: Recording, light: str) -> Recording:
     """Return the recording with a view of its pins where frames are raw, and a rest frame.
 
     Args:
-        recording: Of images.
-        light: "even" cuts pins out of raw pictures, "as_is" does not, "auto" looks at them.
+        recording: A recording of images.
+        light: "even" cuts pins out of pictures, "as_is" does not, "auto" does where they are raw.
 
     Raises:
-        UserError: Pins are to be cut out and none are found.
+        UserError: Pins are to be cut out, and none are found.
     """
     probes = np.linspace(0, len(recording) - 1, min(_PROBES, len(recording))).round().astype(int)
     try:
         rest = recording.rest_image()
         images = [recording.image(row) for row in probes.tolist()] if rest is None else [rest]
-    except UserError:  # whoever needs the frame is told; its labels can be read
+    except UserError:  # reported where the frame is needed; the labels can be read
         return recording
     notes = list(recording.notes)
     if light != AS_IS and (light != AUTO or 2 * sum(map(is_raw, images)) > len(images)):

@@ -1,4 +1,4 @@
-"""From a table and the folders beside it to a recording: what all formats have in common.
+"""A recording from a table and the folders beside it: the steps that all formats have in common.
 
 Frames are looked for inside their folder only; every file is read once, checked and hashed.
 """
@@ -32,16 +32,16 @@ _MOSTLY_NUMBERS = 0.5
 _SAME_PLACE = 0.01
 """Numbers that are no further apart are one place, mm or deg: robots come back to a few um."""
 _BITS_AT, _MOST_BITS = 24, 8
-"""The place at which a PNG says how many bits a channel has, and the most that a frame may have."""
+"""Place of the byte in a PNG that holds the bits per channel, and the most bits of a frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameLabels:
-    """The labels of N frames, and what they say was pressed.
+    """The labels of N frames, and the scenes that they describe.
 
     Attributes:
         labels: Label -> (N,) values, NaN where a frame has none.
-        scenes: What was pressed in every frame.
+        scenes: Scene of every frame; None where it is not known.
         presses: Name of the press of every frame.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         columns: Columns of the table from which all this was read.
@@ -72,11 +72,11 @@ class FolderContent:
         data: Bytes of the table's file.
         name_column: Column that names the frames.
         frame_folders: Folders in which frames are looked for, in order.
-        label_columns: Columns that must be numbers; None: whichever are.
+        label_columns: Columns that must be numbers; None: all columns that are mostly numbers.
         rest_folder: Folder in which the undeformed frame is looked for.
         splits: Name -> split of the table's row numbers.
-        about: File name -> what files beside the table say.
-        labels: Labels where the folder itself says what they mean; None: the options say it.
+        about: Name of a file beside the table -> its content.
+        labels: Labels where the folder itself states their meaning; None: the options state it.
         notes: Sentences about files beside the table that were left out.
     """
 
@@ -146,7 +146,17 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
 def read_labels(
     content: FolderContent, names: Sequence[str], options: ImportOptions
 ) -> FrameLabels:
-    """Read the labels as the options say; every frame is a press of its own."""
+    """Read the labels as the options say; every frame is a press of its own.
+
+    Args:
+        content: The content of the folder.
+        names: Name of every frame.
+        options: Names of columns, and the meaning of the labels.
+
+    Raises:
+        UserError: A column is missing, a cell is no number, or labels describe no scene that can
+            be.
+    """
     table = content.table
     columns = _label_columns(content, options)
     indenter = choose_indenter(options, columns)
@@ -168,8 +178,8 @@ def read_labels(
 def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None:
     """Return the press of every row: rows that agree in all named columns share one.
 
-    Texts agree where they are equal, numbers where a robot came back to one place. A press is
-    called by the cells of its first row. None where no column is named.
+    Texts agree where they are equal, numbers where a robot came back to one place. A press is named
+    after the cells of its first row. None where the options name no column.
     """
     if not options.press:
         return None
@@ -189,7 +199,7 @@ def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None
 
 
 def _same_places(points: FloatArray) -> npt.NDArray[np.int64]:
-    """Return (N,) groups of points (N, K) that are one place along every axis."""
+    """Return the (N,) groups of (N, K) points that are one place along every axis."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -248,7 +258,7 @@ def _relative_name(path: Path, row: int, cell: str) -> str:
 
 
 class FileFinder:
-    """Finds files of one folder; links are followed inside it only."""
+    """Search for files of one folder; links are followed inside it only."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -295,7 +305,7 @@ class FileFinder:
 def _find_frames(
     content: FolderContent, finder: FileFinder, names: Sequence[str], missing: str
 ) -> list[Path | None]:
-    """Return the file of every name; where ``missing`` is SKIP, None for one that is not there."""
+    """Return the file of every name; where ``missing`` is SKIP, None for a missing file."""
     folders = content.frame_folders
     paths = [finder.find(folder / name for folder in folders) for name in names]
     absent = [name for name, path in zip(names, paths, strict=True) if path is None]
@@ -325,7 +335,8 @@ def check_frames(table: bytes, paths: Sequence[Path], rest: Path | None) -> tupl
         rest: File of the undeformed frame.
 
     Returns:
-        What every frame is, and the sha256 over the table, every frame and the rest frame.
+        Size and colours of every frame, and the sha256 over the table, all frames and the rest
+        frame.
 
     Raises:
         UserError: A frame is no sound PNG of 8 bits, or differs from the others.
@@ -376,8 +387,8 @@ def _notes(
         notes.append(f"{_count(skipped, 'row')} of {content.table.path.name} left out: no file.")
     listed = {str(path) for path in (*paths, rest)}
     folders = {os.path.dirname(path) for path in map(str, paths)}  # noqa: PTH120 - of thousands
-    there = (entry for folder in folders for entry in os.scandir(folder))
-    others = sorted(e.name for e in there if e.name.endswith(".png") and e.path not in listed)
+    entries = (entry for folder in folders for entry in os.scandir(folder))
+    others = sorted(e.name for e in entries if e.name.endswith(".png") and e.path not in listed)
     if others:
         notes.append(
             f"{_count(len(others), 'PNG file')} that no row names left out, first {others[0]}."

@@ -1,4 +1,4 @@
-"""The format of a folder, and reading it: by the format's own reader, or as a plain CSV file."""
+"""The format of a folder, and its reader: the format's own, or that of plain CSV files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
     """Read a folder whose one CSV file names frames, with labels beside the names.
 
     Raises:
-        UserError: There is no table or several, or it cannot be read.
+        UserError: There is no table or there are several, the table cannot be read, or the folder
+            of frames does not exist.
     """
     targets = find_targets(folder)
     path = _table_path(folder, options.table or (targets.name if targets else ""))
@@ -39,8 +40,8 @@ def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
         searched: tuple[Path, ...] = (frames,)
     else:
         below = sorted(path for path in folder.iterdir() if path.is_dir())
-        known = [folder / name for name in FRAME_FOLDERS if folder / name in below]
-        searched = (folder, *known, *(path for path in below if path not in known))
+        usual = [folder / name for name in FRAME_FOLDERS if folder / name in below]
+        searched = (folder, *usual, *(path for path in below if path not in usual))
         first = table.cells[name][0].strip().replace("\\", "/")
         frames = next((place for place in searched if first and (place / first).is_file()), folder)
     return FolderContent(
@@ -79,7 +80,7 @@ def find_format(folder: Path) -> str:
     """Return the format of a folder: "v1" or one of FORMATS.
 
     Raises:
-        UserError: The folder has none of them.
+        UserError: The folder has none of these formats.
     """
     _check_folder(folder)
     if is_dataset(folder):
@@ -108,8 +109,8 @@ def open_recording(
 
     Args:
         folder: A recording of any format, or a data set.
-        options: Where labels are and what they mean; a data set needs none.
-        format: One of FORMATS or "v1"; None: what the folder looks like.
+        options: Names of files and columns, and the meaning of the labels; a data set needs none.
+        format: One of FORMATS or "v1"; None: it is found from the files.
 
     Raises:
         UserError: Something is missing or damaged; the sentence names file and row.

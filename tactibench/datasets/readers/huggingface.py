@@ -1,6 +1,6 @@
 """Image folders of Hugging Face `datasets`: metadata.jsonl or metadata.csv with a file_name.
 
-The table lies in the folder itself, or one in each folder of a split (train, validation, test).
+A table lies in the folder itself, or in each folder of a split (train, validation, test).
 Nested objects become columns `outer.inner`; lists stay texts.
 """
 
@@ -86,7 +86,7 @@ def read_huggingface(folder: Path, options: ImportOptions) -> FolderContent:
 
 
 def _split_of_folders(folders: Mapping[str, Sequence[int]]) -> dict[str, Split]:
-    """Return the split of folders that are all called as subsets are, each another one."""
+    """Return the split by folders that are all named after subsets; {} where they are not."""
     subsets = {_SUBSETS.get(name.lower(), ""): rows for name, rows in folders.items()}
     if not folders or "" in subsets or len(subsets) < len(folders):
         return {}

@@ -1,4 +1,4 @@
-"""Options of an import: where labels and frames are, and the geometry behind the labels."""
+"""Options of an import: the places of labels and frames, and the geometry behind the labels."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ FRAME_FOLDERS = ("frames_bw", "images", "sensor_images", "processed_images")
 AUTO = "auto"
 PLATE, SINGLE, DUAL, TRIPLE, TIPS, NONE = "plate", "single", "dual", "triple", "tips", "none"
 """Indenters behind labels: a plate, one spherical tip, two or three of them on a holder, a list of
-contacts, or nothing that is known."""
+contacts, or none that is known."""
 MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
-"""Units of the columns of lengths."""
+"""Unit of the columns of lengths -> mm."""
 AS_IS, EVEN = "as_is", "even"
-"""Ways to take frames: as they are, or raw pictures of which pins are cut out and evenly lit."""
+"""Ways to read frames: as they are, or as raw pictures of which pins are cut out and evenly lit."""
 REFUSE, SKIP = "refuse", "skip"
 """Ways to treat a row whose frame is no file."""
 
@@ -138,9 +138,10 @@ def read_options(texts: Iterable[str]) -> ImportOptions:
     """Return the options of texts such as ``("indenter=plate", "offset_mm=5")``.
 
     Raises:
-        UserError: A text is no NAME=VALUE, a name is unknown or repeated, or a value not allowed.
+        UserError: A text is no NAME=VALUE, a name is unknown or repeated, or a value is not
+            allowed.
     """
-    known: Mapping[str, Parameter] = {parameter.name: parameter for parameter in PARAMETERS}
+    by_name: Mapping[str, Parameter] = {parameter.name: parameter for parameter in PARAMETERS}
     values: dict[str, Any] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -149,9 +150,9 @@ def read_options(texts: Iterable[str]) -> ImportOptions:
                 f"--param {text!r} is not understood; write NAME=VALUE, for example "
                 "--param indenter=plate."
             )
-        if name not in known:
-            raise UserError(f"there is no parameter {name!r}; {did_you_mean(name, known)}")
+        if name not in by_name:
+            raise UserError(f"there is no parameter {name!r}; {did_you_mean(name, by_name)}")
         if name in values:
             raise UserError(f"--param {name} is given twice; give it once.")
-        values[name] = known[name].parse(value)
+        values[name] = by_name[name].parse(value)
     return ImportOptions(**values)

@@ -24,12 +24,12 @@ from tactibench.png import ImageKind, decode_png, read_file
 FloatArray = npt.NDArray[np.float64]
 
 SOURCE_NAME = "source_name"
-"""Key of a sample's ``extra``: the name of its frame in the folder it was imported from."""
+"""Key of a sample's ``extra``: the name of its frame in the folder that was imported."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """N frames with what is known of them; every file was read once and is sound.
+    """N frames with their labels; every file was read once and is sound.
 
     Attributes:
         format: "bristol", "csv", "huggingface" or "v1".
@@ -38,11 +38,11 @@ class Recording:
         table: The file of the labels.
         names: Unique names of the frames, in the order of the table.
         paths: Files of the frames; () where one file holds the channels of all.
-        frames: The folder that they lie in.
+        frames: The folder of these files, or the file of all channels.
         stored: Size and colours of every file, or the shape of its channels.
         rest: File of the undeformed frame.
         labels: Column -> (N,) mm or deg, NaN where a frame has no such label.
-        scenes: What was pressed in every frame, None where only labels are known.
+        scenes: Scene of every frame, None where only labels are known.
         presses: Name of the press of every frame; frames of one press share it.
         sha256: Hash over the table and the frames.
         columns: Role, such as "depth" -> column.
@@ -51,14 +51,15 @@ class Recording:
             t_frame_ns, extra. Empty where it holds none.
         header: Fields of a data set's header that the folder holds.
         splits: Name -> split of row numbers.
-        about: File name -> what files beside the table say.
+        about: Name of a file beside the table -> its content; of a data set, its source.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
-        notes: Sentences about what was left out or is missing.
+        notes: Sentences about facts that were left out or are missing.
         values: (N, ...) float32 channels, of a sensor without a camera.
         signal_names: Names of the channels.
-        view: Where in raw pictures the pins are; frames are what it shows of them.
-        estimated_rest: The undeformed frame, from frames that were hardly pressed.
-        dataset: The data set that this is, with the numbers of its samples in ``rows``.
+        view: Part of raw pictures that shows the pins; frames are this part of them.
+        estimated_rest: The undeformed frame, estimated from frames that were hardly pressed.
+        dataset: The data set that was opened; None for other formats.
+        rows: Numbers of the data set's samples that are the frames.
     """
 
     format: str
@@ -108,7 +109,7 @@ class Recording:
         """Return the signal of a frame: its image, or its channels.
 
         Raises:
-            UserError: The file is not what it was when the recording was opened.
+            UserError: The file was changed since the recording was opened.
         """
         if self.dataset is not None:
             return self.dataset.signal(self.dataset.samples[self.rows[row]])
@@ -128,8 +129,8 @@ class Recording:
         """Return a frame, (H, W) or RGB (H, W, 3) uint8.
 
         Raises:
-            UserError: The file is not what it was when the recording was opened, or the frames
-                are channels.
+            UserError: The file was changed since the recording was opened, or the frames are
+                channels.
         """
         if self.dataset is not None:
             return self.dataset.image(self.dataset.samples[self.rows[row]])
@@ -155,7 +156,7 @@ def read_dataset(folder: Path) -> Recording:
     """Read the good samples of a data set as a recording.
 
     Raises:
-        UserError: There are none, or something is damaged.
+        UserError: The data set has no good sample, or is damaged.
     """
     dataset = open_dataset(folder)
     header = dataset.header
@@ -196,7 +197,7 @@ def read_dataset(folder: Path) -> Recording:
 
 
 def _frame_names(samples: Sequence[Sample]) -> tuple[str, ...]:
-    """Return the names of frames before an import, or the files where these are not unique."""
+    """Return the names that frames had before an import, or their files where names repeat."""
     names = [str(sample.extra.get(SOURCE_NAME, sample.file_name)) for sample in samples]
     if max(Counter(names).values()) > 1:
         names = [sample.file_name for sample in samples]

@@ -56,17 +56,17 @@ class Table:
         """Return the first of the names that is a column.
 
         Raises:
-            UserError: None of them is one.
+            UserError: None of the names is a column.
         """
         for name in names:
             if name in self.cells:
                 return name
-        there = f"its columns are {', '.join(self.columns)}"
+        columns = f"its columns are {', '.join(self.columns)}"
         if len(names) == 1:
-            raise UserError(f"{self.path} has no column {names[0]}; {there}.")
+            raise UserError(f"{self.path} has no column {names[0]}; {columns}.")
         raise UserError(
             f"{self.path} has no column that names the frames, such as {' or '.join(names[:3])}; "
-            f"{there}. Name it with --param column=COLUMN, or let `tactibench data import FOLDER "
+            f"{columns}. Name it with --param column=COLUMN, or let `tactibench data import FOLDER "
             "NEW --guess` find it."
         )
 
@@ -112,8 +112,8 @@ def read_table(path: Path, data: bytes) -> Table:
     """Read the bytes of a CSV file, with or without a byte-order mark.
 
     Raises:
-        UserError: The file is no table, has no rows, two columns of one name, or decimal commas
-            beside decimal points.
+        UserError: The file is no table, has no rows, rows with more cells than the header, two
+            columns of one name, or decimal commas beside decimal points.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -126,7 +126,7 @@ def read_table(path: Path, data: bytes) -> Table:
     if not rows:
         raise UserError(f"{path} is empty; it must have a header and one row a frame.")
     headed = not all(_NUMBER.fullmatch(cell) for cell in rows[0])
-    if not headed:  # a first line of nothing but numbers names nothing
+    if not headed:  # a first line of numbers alone is no header
         rows.insert(0, [f"column_{number}" for number in range(1, len(rows[0]) + 1)])
     header, *rows = rows
     if not rows:

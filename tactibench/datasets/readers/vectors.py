@@ -25,7 +25,7 @@ from tactibench.png import read_file
 
 _SATURATED = 0.01
 """Share of the rows that may stand at a channel's largest or smallest value. A sensor that is not
-at its limit comes back to one extreme number far more seldom."""
+at its limit returns to one extreme number far more seldom."""
 _ARCHIVES = (".npz", ".npy")
 
 
@@ -34,8 +34,8 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
 
     Args:
         folder: The folder of both files.
-        options: Their names (``table``, ``channels``), how rows belong together (``join``), and
-            what the labels mean.
+        options: Names of the files (``table``, ``channels``), the column that joins their rows
+            (``join``), and the meaning of the labels.
 
     Raises:
         UserError: A file is missing or damaged, the rows do not belong together, or a channel is
@@ -94,8 +94,8 @@ def _inside(folder: Path, name: str) -> Path:
     if not path.resolve().is_relative_to(folder.resolve()):
         raise UserError(f"{path} lies outside of {folder}; name a file in it.")
     if not path.is_file():
-        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file())) or "no file"
-        raise UserError(f"{folder} holds no {name}; there is {there}.")
+        files = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file())) or "no file"
+        raise UserError(f"{folder} holds no {name}; there is {files}.")
     return path
 
 
@@ -113,7 +113,7 @@ def _label_file(folder: Path, name: str, channels: Path) -> Path:
 
 
 def _arrays(path: Path, data: bytes) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the arrays of numbers in a NumPy file by their names. Nothing is unpickled."""
+    """Return the arrays of numbers in a NumPy file by their names; nothing is unpickled."""
     try:
         loaded = np.load(io.BytesIO(data), allow_pickle=False)
         arrays = {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
@@ -140,7 +140,7 @@ def _read_channels(
 ) -> tuple[npt.NDArray[np.float32], FloatArray | None, tuple[str, ...]]:
     """Return channels (N, ...), the times of their rows where rows are joined by time, and names.
 
-    Of an archive the array with most numbers holds the channels.
+    In an archive, the array with most numbers holds the channels.
     """
     join = options.channels_time or options.join
     names: tuple[str, ...] = ()
@@ -183,7 +183,7 @@ def _join(
     path: Path,
     options: ImportOptions,
 ) -> tuple[list[int], list[int]]:
-    """Return rows of the labels, and of each the row of the channels that belongs to it."""
+    """Return rows of the labels, and the row of the channels that belongs to each of them."""
     if times is None:
         if len(values) != len(table):
             raise UserError(
@@ -208,8 +208,8 @@ def _join(
             f"({len(alone):,} such rows); "
             "correct the times, or leave those rows out with --param missing=skip."
         )
-    kept = np.flatnonzero(apart_ms <= options.tolerance_ms)
-    return kept.tolist(), nearest[kept].tolist()
+    joined = np.flatnonzero(apart_ms <= options.tolerance_ms)
+    return joined.tolist(), nearest[joined].tolist()
 
 
 def _notes(
