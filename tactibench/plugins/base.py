@@ -113,7 +113,7 @@ class Progress(Protocol):
 
         Args:
             epoch: Number of the epoch, counted from 1.
-            loss: Mean loss of the epoch.
+            loss: Loss of the epoch.
             validation_mm: Mean position error on the validation frames, mm; None: not measured.
         """
         ...

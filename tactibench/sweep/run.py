@@ -233,7 +233,7 @@ def _outcome(cluster: Cluster, future: object, deaths: int) -> Outcome:
 
 
 def train_weights(request: RunRequest, storage: Storage) -> Outcome:
-    """Train the weights of a cell where they are not in the cache."""
+    """Train the weights of a cell, if they are not in the cache."""
 
     def train(plan: RunPlan) -> str:
         from tactibench.run.train import train_model
