@@ -1,4 +1,4 @@
-"""Markers (pins) of a tactile frame: found in the picture, followed from the undeformed layout."""
+"""Markers (pins) of tactile frames: they are found at rest and tracked from there."""
 
 import lazy_loader
 

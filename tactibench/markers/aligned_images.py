@@ -21,19 +21,25 @@ Images = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class _Sensor:
+    """A sensor whose frames were seen.
+
+    Attributes:
+        rest: The rest image as the frames carry it.
+        view: From the reference layout to (size, size) images of this sensor; None: they are the
+            same.
+        seen: (size, size) rest image on the reference layout.
+    """
+
     rest: Images
-    """As the frames carry it."""
     view: Similarity | None
-    """From the reference layout to (size, size) images of this sensor; None: they are the same."""
     seen: Images
-    """(size, size), at rest on the reference layout."""
 
 
 class AlignedImages:
     """Images in which the pins at rest lie, as nearly as a similarity can, on a reference layout.
 
-    Frames of the reference sensor stay as they are, and frames without a rest image are taken for
-    its own. So do all frames where the reference sensor shows no pins.
+    Frames of the reference sensor stay as they are. Frames without a rest image are taken for its
+    frames. Where the reference sensor shows no pins, all frames stay as they are.
 
     Attributes:
         rest: (size, size) gray, the reference sensor at rest.
@@ -45,9 +51,14 @@ class AlignedImages:
 
     @classmethod
     def of(cls, frames: Sequence[Frame], size: int) -> Self | None:
-        """Return those on the layout of the first frame's sensor; None: a frame has no rest image.
+        """Return images on the layout of the first frame's sensor.
 
-        size: of the images, px.
+        Args:
+            frames: Frames of sensors of one make.
+            size: Height and width of the images, px.
+
+        Returns:
+            The images; None where there is no frame or a frame has no rest image.
         """
         rests = [rest for frame in frames if (rest := frame.rest_image) is not None]
         return cls(_sized(rests[0], size)) if frames and len(rests) == len(frames) else None
@@ -56,7 +67,7 @@ class AlignedImages:
         """Return (N, 2, size, size): every frame, and its sensor at rest.
 
         Raises:
-            UserError: for a sensor whose pins are not those of the reference.
+            UserError: A sensor's pins are not those of the reference sensor.
         """
         out = np.empty((len(frames), 2, *self.rest.shape), dtype=np.uint8)
         out[:, 0], out[:, 1] = gray_frames(frames, len(self.rest)), self.rest
@@ -69,15 +80,15 @@ class AlignedImages:
         return out
 
     def _sensor(self, rest: Images) -> _Sensor:
-        for known in self._sensors:
-            if known.rest is rest or np.array_equal(known.rest, rest):
-                return known
+        for sensor in self._sensors:
+            if sensor.rest is rest or np.array_equal(sensor.rest, rest):
+                return sensor
         size = len(self.rest)
-        own, view = _sized(rest, size), None
-        if self._layout is not None and not np.array_equal(own, self.rest):
+        image, view = _sized(rest, size), None
+        if self._layout is not None and not np.array_equal(image, self.rest):
             pins = PinTracker.of([Frame(rest, 0.0, Pose(), rest)])
             view = _resizing(pins.side, size).after(AlignedPins(pins, self._layout).view)
-        seen = own if view is None else _seen_from(own, view)
+        seen = image if view is None else _seen_from(image, view)
         self._sensors.append(_Sensor(rest, view, seen))
         return self._sensors[-1]
 
@@ -96,7 +107,7 @@ def _sized(rest: Images, size: int) -> Images:
 
 
 def _resizing(side: int, size: int) -> Similarity:
-    """From places in an image of ``side`` px to those in the same of ``size`` px.
+    """Return the map from places in an image of ``side`` px to those in its copy of ``size`` px.
 
     Places are those of pixels' centres: the first corner lies at -1/2 in both.
     """
@@ -105,7 +116,10 @@ def _resizing(side: int, size: int) -> Similarity:
 
 
 def _seen_from(image: Images, view: Similarity) -> Images:
-    """(S, S) image whose pixels lie at ``view`` of their own places; the border is repeated."""
+    """Return the (S, S) image whose pixel at x shows ``image`` at ``view(x)``.
+
+    Beyond the border of ``image`` its outermost pixels are repeated.
+    """
     import cv2
 
     placed = np.column_stack([view.matrix, view.shift])

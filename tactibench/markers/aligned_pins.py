@@ -1,8 +1,8 @@
-"""Pins of one sensor seen on the layout of another one of its make.
+"""Pins of one sensor, seen on the layout of another sensor of the same make.
 
 A camera that is turned, shifted or nearer shows the same pins elsewhere. The similarity that takes
-the pins at rest to those of a reference layout undoes it, for places and for displacements alike;
-what is left is how the two sensors differ in themselves.
+the pins at rest to those of a reference layout undoes this, for places and for displacements. What
+remains is the difference between the two sensors themselves.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ Flags = npt.NDArray[np.bool_]
 Images = npt.NDArray[np.uint8]
 
 _TURNS_DEG = (0, 6, -6, 12, -12, 18, -18)
-"""Turns of a camera from which the match starts; that with most pins is taken. A start may be off
-by 4 deg: farther, pins at the rim lie nearer to others. 30 deg are half a hexagon's symmetry."""
+"""Turns of a camera from which the match starts; the match with most pins is taken. A start may be
+off by 4 deg: farther, pins at the rim lie nearer to other pins. 30 deg are half the symmetry of a
+hexagon."""
 _ROUNDS = 20
-"""Turns of matching pins and fitting the similarity; a few suffice."""
+"""Most rounds of matching pins and fitting the similarity; a few suffice."""
 _NEAR = 0.4
-"""Spacings within which a pin is the reference's: half a spacing would be as near to another."""
+"""Spacings within which a pin is matched to the reference's: at half a spacing another pin would be
+as near."""
 _FEWEST = 0.7
 """Share of the reference's pins that must be found; the public ranges lose at most 0.3 of them."""
 
@@ -50,14 +52,18 @@ class Similarity:
 
     @classmethod
     def identity(cls) -> Self:
-        """Return the map that leaves every place."""
+        """Return the map that leaves every place where it is."""
         return cls(np.eye(2), np.zeros(2))
 
     @classmethod
     def of(cls, shift: Array, turn: float, stretch: float, about: Array) -> Self:
-        """Return the turn by ``turn`` rad, x towards y, and stretch by e^stretch, then the shift.
+        """Return the map that turns and stretches about a place, then shifts.
 
-        about: (2,) px, the place that is only shifted.
+        Args:
+            shift: (2,) px.
+            turn: Angle from x towards y, rad.
+            stretch: Logarithm of the factor of the stretch.
+            about: (2,) px, the place that is only shifted.
         """
         cosine, sine = np.cos(turn), np.sin(turn)
         matrix = np.exp(stretch) * np.array([[cosine, -sine], [sine, cosine]])
@@ -65,9 +71,13 @@ class Similarity:
 
     @classmethod
     def between(cls, start: Array, end: Array) -> Self:
-        """Return the map that takes places (N, 2) to others with the least squared misfit.
+        """Return the map from places to other places with the least squared misfit.
 
-        Complex linear regression: end = a start + b, with a and b complex.
+        This is complex linear regression: end = a start + b, with a and b complex.
+
+        Args:
+            start: (N, 2) px.
+            end: (N, 2) px, where the map should take them.
         """
         first, last = (places[:, 0] + 1j * places[:, 1] for places in (start, end))
         off = first - first.mean()
@@ -84,23 +94,29 @@ class Similarity:
         return (places - self.shift) @ np.linalg.inv(self.matrix).T
 
     def after(self, first: Similarity) -> Similarity:
-        """Return the map that does ``first``, then this."""
+        """Return the map that applies ``first``, then this map."""
         return Similarity(self.matrix @ first.matrix, self(first.shift))
 
 
 class AlignedPins:
-    """The pins of one sensor on a reference layout, with P pins in its order.
+    """The pins of one sensor on a reference layout of P pins, in the order of the layout.
+
+    The layout has P pins, the sensor has P'.
 
     Attributes:
-        pins: of the sensor, in its own frames.
-        view: from the reference layout to the sensor's frames.
+        pins: Pins of the sensor in its own frames.
+        view: From the reference layout to the sensor's frames.
     """
 
     def __init__(self, pins: PinTracker, layout: Array) -> None:
-        """Find every pin of a reference layout (P, 2) px among those of the sensor.
+        """Find the pins of a reference layout among those of the sensor.
+
+        Args:
+            pins: Pins of the sensor in its own frames.
+            layout: (P, 2) px, pins of the reference layout at rest.
 
         Raises:
-            UserError: where the two layouts do not fit.
+            UserError: Too few pins of the layout are found among those of the sensor.
         """
         self.pins = pins
         self._layout = layout
@@ -112,21 +128,22 @@ class AlignedPins:
         self._rest = np.where(self._there[:, None], self.view.back(pins.rest[self._own]), layout)
 
     def moved(self, motion: Similarity) -> AlignedPins:
-        """Return the same pins in frames that have moved by so much, in px of the layout."""
+        """Return the same pins in frames that have moved by ``motion``, in px of the layout."""
         other = copy(self)
         other.view = self.view.after(motion)
         return other
 
     @property
     def rest(self) -> Array:
-        """(P, 2) px of the layout, the pins at rest."""
+        """The pins at rest, (P, 2) px of the layout."""
         return self._rest
 
     @property
     def layout_clues(self) -> Array:
-        """(1 + 2 P,) how this sensor differs at rest: log size, and deviations from the layout, px.
+        """How this sensor differs from the layout at rest, (1 + 2 P,).
 
-        The deviations are x of all pins before y of all.
+        These are the logarithm of its relative size and the pins' deviations from the layout, px,
+        x of all pins before y of all.
         """
         deviation = (self._rest - self._layout).T.reshape(-1)
         return np.append(self._stretch, deviation)
@@ -137,24 +154,34 @@ class AlignedPins:
         return float(np.log(np.linalg.det(self.view.matrix)) / 2)
 
     def track(self, images: Images) -> tuple[Array, Flags]:
-        """Return displacements (N, 2 P) px of the layout, and (N, P) whether a pin is surely there.
+        """Return displacements (N, 2 P) px of the layout, and (N, P) whether each pin is sure.
+
+        A pin that the sensor lacks is never sure.
 
         Args:
-            images: (N, side, side) gray, of the sensor.
+            images: (N, side, side) gray images of the sensor.
         """
         moved, sure = self.pins.track(images)
         return self._seen(moved), sure[:, self._own] & self._there
 
     def retrack(self, images: Images, moved: Array) -> tuple[Array, Flags]:
-        """Return ``track`` of frames in which displacements (N, 2 P) are roughly known."""
+        """Return the same as ``track``, of frames in which the displacements are roughly known.
+
+        Args:
+            images: (N, side, side) gray images of the sensor.
+            moved: (N, 2 P) approximate displacements, px of the layout.
+        """
         start = (self.place(moved) - self.pins.rest).transpose(0, 2, 1).reshape(len(moved), -1)
         again, seen = self.pins.retrack(images, start)
         return self._seen(again), seen[:, self._own] & self._there
 
     def place(self, moved: Array) -> Array:
-        """Return (N, P', 2) px in the sensor's frames, its P' pins displaced by (N, 2 P).
+        """Return the places of the sensor's pins in its frames, (N, P', 2) px.
 
-        Those that the layout does not have stay at rest.
+        Pins that the layout does not have stay at rest.
+
+        Args:
+            moved: (N, 2 P) displacements, px of the layout.
         """
         places = self._rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
         own = np.repeat(self.pins.rest[None], len(moved), axis=0)
@@ -162,32 +189,41 @@ class AlignedPins:
         return own
 
     def in_layout_order(self, values: Array) -> Array:
-        """Return (N, P) values of the layout's pins of those of the sensor's (N, P'), else 0."""
+        """Return values (N, P') of the sensor's pins in the order of the layout, (N, P).
+
+        The value of a pin that the sensor lacks is 0.
+        """
         return np.where(self._there, values[:, self._own], 0.0)
 
     def in_own_order(self, values: Array) -> Array:
-        """Return (N, P') values of the sensor's pins of those of the layout's (N, P), else 0."""
-        own = np.zeros((len(values), len(self.pins.rest)))
-        own[:, self._own[self._there]] = values[:, self._there]
-        return own
+        """Return values (N, P) of the layout's pins in the order of the sensor, (N, P').
+
+        The value of a pin that the layout lacks is 0.
+        """
+        ordered = np.zeros((len(values), len(self.pins.rest)))
+        ordered[:, self._own[self._there]] = values[:, self._there]
+        return ordered
 
     def tracks(self, images: Images) -> Tracks:
-        """Return the pins as if those of the layout had moved as much since rest.
+        """Return the layout's pins, moved as much since rest as those of the sensor.
 
         A pin of the layout that this sensor lacks stands at rest and is not seen. Radii are px of
         the sensor's frames.
 
         Args:
-            images: (N, side, side) gray, of the sensor.
+            images: (N, side, side) gray images of the sensor.
         """
-        own = self.pins.tracker.track(images)
-        xy = self.view.back(own.xy[:, self._own]) + (self._layout - self._rest)
+        tracks = self.pins.tracker.track(images)
+        xy = self.view.back(tracks.xy[:, self._own]) + (self._layout - self._rest)
         xy[:, ~self._there] = self._layout[~self._there]
-        return Tracks(xy, own.seen[:, self._own] & self._there, own.radius[:, self._own])
+        return Tracks(xy, tracks.seen[:, self._own] & self._there, tracks.radius[:, self._own])
 
     @cached_property
     def radius(self) -> Array:
-        """(P,) px of the sensor's frames, of the discs at rest; NaN where centroids are taken."""
+        """Radii of the discs at rest, (P,) px of the sensor's frames.
+
+        They are NaN where centroids are used.
+        """
         radius: Array = self.tracks(self.pins.rest_image[None]).radius[0]
         return radius
 
@@ -197,34 +233,37 @@ class AlignedPins:
         return self.pins.pitch / float(np.exp(self._stretch))
 
     def _seen(self, moved: Array) -> Array:
-        """Displacements on the layout of those in the sensor's frames (N, 2 P')."""
-        own = self.pins.rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
-        places = self.view.back(own[:, self._own]) - self._rest
+        """Return displacements (N, 2 P') in the sensor's frames on the layout, (N, 2 P)."""
+        xy = self.pins.rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
+        places = self.view.back(xy[:, self._own]) - self._rest
         places[:, ~self._there] = 0.0
         return places.transpose(0, 2, 1).reshape(len(moved), -1)
 
 
 class AlignedSensors(BySensor[AlignedPins]):
-    """Sensors of one make, each on the layout of the first one.
+    """Sensors of one make, each on the layout of the first sensor.
 
-    A frame without a rest image is taken for one of the first sensor.
+    A frame without a rest image is taken for a frame of the first sensor.
     """
 
     def __init__(self, first: PinTracker) -> None:
-        """first: the pins that are the layout."""
+        """Take the pins of ``first`` as the layout."""
         super().__init__(lambda own: AlignedPins(own, first.rest))
         self.number(Frame(first.rest_image, 0.0, Pose(), first.rest_image))
 
     @classmethod
     def of(cls, frames: Sequence[Frame], otherwise: Frame | None = None) -> Self:
-        """Return the sensors of a training, with the first frame's that has a rest image first.
+        """Return the sensors of a training.
+
+        The first sensor is that of the first frame with a rest image.
 
         Args:
-            frames: of any number of sensors.
-            otherwise: a frame that is hardly pressed, for frames without a rest image.
+            frames: Frames of any number of sensors.
+            otherwise: A frame that is hardly pressed, for frames without a rest image.
 
         Raises:
-            UserError: where there is neither.
+            UserError: No frame has a rest image, and ``otherwise`` is None. Or the frame that is
+                used shows no pins.
         """
         with_rest = [frame for frame in frames if frame.rest is not None]
         return cls(PinTracker.of(with_rest[:1], otherwise))
@@ -238,27 +277,39 @@ class AlignedSensors(BySensor[AlignedPins]):
         """Return the number of the frame's sensor, 0 for the first one.
 
         Raises:
-            UserError: for a sensor whose pins are not those of the layout.
+            UserError: The sensor's pins are not those of the layout.
         """
         return 0 if frame.rest is None else super().number(frame)
 
     def tracks(self, frames: Sequence[Frame]) -> Tracks:
-        """Return the pins of frames as if all were of the first sensor.
+        """Return the pins of frames as if all frames were of the first sensor.
 
-        Each pin has moved and grown since rest as much as that of the frame's own sensor.
+        Each pin has moved and grown since rest as much as the same pin of the frame's own sensor.
         """
         shape = len(frames), len(self.first.rest)
         out = Tracks(np.empty((*shape, 2)), np.empty(shape, dtype=np.bool_), np.empty(shape))
         for number, rows in self.rows(frames).items():
-            own = self[number]
-            tracks = own.tracks(own.pins.images([frames[row] for row in rows]))
+            sensor = self[number]
+            tracks = sensor.tracks(sensor.pins.images([frames[row] for row in rows]))
             out.xy[rows], out.seen[rows] = tracks.xy, tracks.seen
-            out.radius[rows] = tracks.radius * (self[0].radius / own.radius)
+            out.radius[rows] = tracks.radius * (self[0].radius / sensor.radius)
         return out
 
 
 def _match(rest: Array, layout: Array) -> tuple[Similarity, npt.NDArray[np.intp], Flags]:
-    """The similarity from a layout (P, 2) to pins (P', 2), each pin's number there, and if any."""
+    """Match the pins of a layout to those of a sensor.
+
+    Args:
+        rest: (P', 2) px, the sensor's pins at rest.
+        layout: (P, 2) px.
+
+    Returns:
+        The similarity from the layout to the sensor, (P,) the number of each pin of the layout in
+        the sensor, and (P,) whether the sensor has that pin.
+
+    Raises:
+        UserError: Too few pins of the layout are found among those of the sensor.
+    """
     middle = layout.mean(axis=0)
     shift = rest.mean(axis=0) - middle
     spread = [np.sqrt(np.square(xy - xy.mean(axis=0)).sum(axis=1).mean()) for xy in (layout, rest)]
@@ -277,20 +328,20 @@ def _match(rest: Array, layout: Array) -> tuple[Similarity, npt.NDArray[np.intp]
 def _settle(
     rest: Array, layout: Array, view: Similarity
 ) -> tuple[Similarity, npt.NDArray[np.intp], Flags]:
-    """``_match`` from a first view, which may find too few pins."""
+    """Return what ``_match`` does, from one first view; it may find too few pins."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(rest)
     reach = _NEAR * float(np.median(tree.query(rest, k=2)[0][:, 1]))
     for _ in range(_ROUNDS):
-        apart, own = tree.query(view(layout))
-        there = apart < reach
-        there &= np.bincount(own[there], minlength=len(rest))[own] == 1
-        if np.count_nonzero(there) < 3:  # too few for a turn, a stretch and a shift
+        apart, nearest = tree.query(view(layout))
+        matched = apart < reach
+        matched &= np.bincount(nearest[matched], minlength=len(rest))[nearest] == 1
+        if np.count_nonzero(matched) < 3:  # too few for a turn, a stretch and a shift
             break
-        fitted = Similarity.between(layout[there], rest[own[there]])
+        fitted = Similarity.between(layout[matched], rest[nearest[matched]])
         settled = np.allclose(fitted(layout), view(layout), atol=1e-9)
         view = fitted
         if settled:
             break
-    return view, own, there
+    return view, nearest, matched

@@ -15,14 +15,15 @@ from numba import njit
 FAINTEST = 20
 """Grey levels between darkest and brightest pixel below which a frame holds no marker."""
 MERGED = 1.55
-"""From this multiple of the usual area on a blob may be several pins."""
+"""Multiple of the usual area above which a blob may be several pins."""
 GLARE = 30.0
-"""Beyond this one it is a reflection; in a rest frame, where pins hardly touch, beyond ``RING``."""
+"""Multiple of the usual area above which a blob is a reflection."""
 RING = 4.5
+"""The same for a rest frame, where pins hardly touch."""
 SPECK = 0.3
-"""Below this one it is none."""
+"""Share of the usual area below which a blob is no pin."""
 FULL = 0.5
-"""A summit's window is this much filled with light, or it is a mere corner of a blob."""
+"""Share of a summit's window that light must fill; with less it is only a corner of a blob."""
 
 _NUMBERED = np.uint64(0xE0C0A08060402000)
 """Times 2^(8 k): 7 - k in the three highest bits."""
@@ -30,7 +31,7 @@ _NUMBERED = np.uint64(0xE0C0A08060402000)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def find_levels(image):  # type: ignore[no-untyped-def]
-    """Threshold, mean level below and above it; threshold 256 for an even frame.
+    """Return a threshold and the mean levels below and above it; 256 for an even frame.
 
     Otsu's threshold (IEEE Trans. SMC 9, 1979) of every k-th row, about 120 of them, and of every
     second pixel: enough for two levels, at an eighth of the cost.
@@ -79,7 +80,10 @@ def _root(parent, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bright(image, threshold, mask):  # type: ignore[no-untyped-def]
-    """Set mask (H, S): 1 for bright, S beyond the frame's width 0; S a multiple of 8."""
+    """Set mask (H, S) to 1 where a pixel is bright; S, a multiple of 8, exceeds the width W.
+
+    Columns beyond the frame's width stay 0.
+    """
     most = np.uint8(min(threshold, 255))
     for i in range(image.shape[0]):
         row, out = image[i], mask[i]
@@ -89,10 +93,19 @@ def _bright(image, threshold, mask):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def find_runs(image, threshold, run):  # type: ignore[no-untyped-def]
-    """Number of runs; run (4, R): row, first column, column after the last, blob number.
+    """Find the runs of bright pixels and join them to blobs.
 
-    And the number of blobs. R limits the runs; what comes after is left out. Eight pixels are
-    looked at together: the set bits of a word against itself moved by one pixel are the borders.
+    Eight pixels are handled together: where a word differs from itself moved by one pixel, a run
+    begins or ends.
+
+    Args:
+        image: (H, W) grey levels.
+        threshold: Level above which a pixel is bright.
+        run: (4, R), set to row, first column, column after the last and blob number of each run.
+            Runs after the first R are left out.
+
+    Returns:
+        The number of runs and the number of blobs.
     """
     height, width = image.shape
     most = run.shape[1]
@@ -146,7 +159,10 @@ def find_runs(image, threshold, run):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure_blobs(image, dark, binary, run, count, blobs, out):  # type: ignore[no-untyped-def]
-    """Set out (B, 3): centroid x, y, px, and area of every blob, weighted by light over dark."""
+    """Set out (B, 3) to centroid x, y, px, and area, px, of every blob.
+
+    Centroids are weighted by the light over the dark level, or evenly in a binary frame.
+    """
     weight = np.zeros(blobs)
     out[:blobs] = 0.0
     for k in range(count):
@@ -171,7 +187,7 @@ def measure_blobs(image, dark, binary, run, count, blobs, out):  # type: ignore[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def usual_area(out, blobs):  # type: ignore[no-untyped-def]
-    """The median area of blobs that are no specks, px; specks may outnumber the markers."""
+    """Return the median area of blobs that are no specks, px; specks may outnumber the markers."""
     if blobs == 0:
         return 0.0
     area = out[:blobs, 2].copy()
@@ -180,7 +196,7 @@ def usual_area(out, blobs):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _light_around(image, dark, i, j, half):  # type: ignore[no-untyped-def]
-    """Light over the dark level in the window of 2 half + 1 px around a pixel."""
+    """Return the light over the dark level in the window of 2 half + 1 px around a pixel."""
     total = 0.0
     for a in range(max(0, i - half), min(image.shape[0], i + half + 1)):
         for b in range(max(0, j - half), min(image.shape[1], j + half + 1)):
@@ -190,15 +206,29 @@ def _light_around(image, dark, i, j, half):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def split_merged(image, dark, bright, run, count, blobs, usual, glare, out):  # type: ignore[no-untyped-def]
-    """Append the parts of merged blobs to out (B, 3); the merged ones get area 0.
+    """Append the parts of merged blobs to out (B, 3) and set the area of merged blobs to 0.
 
     A summit is a pixel whose window, of about a pin's size, holds more light than those of its
-    eight neighbours; each pixel of the blob goes to the nearest summit. Returns the new number.
+    eight neighbours; each pixel of the blob goes to the nearest summit.
+
+    Args:
+        image: (H, W) grey levels.
+        dark: Mean level of dark pixels.
+        bright: Mean level of bright pixels.
+        run: Runs of bright pixels, as ``find_runs`` sets them.
+        count: Number of runs.
+        blobs: Number of blobs.
+        usual: Usual area of a blob, px.
+        glare: Multiple of the usual area above which a blob is a reflection and stays whole.
+        out: (B, 3) centroid x, y, px, and area, px, of every blob.
+
+    Returns:
+        The new number of blobs.
     """
     most = len(out)
     half = max(1, int(0.62 * math.sqrt(usual / math.pi) + 0.5))
     least = FULL * (bright - dark) * min((2.0 * half + 1.0) ** 2, 0.8 * usual)
-    made = blobs
+    total = blobs
     first = np.full(blobs + 1, -1)  # chains of the runs of merged blobs
     chain = np.empty(count, np.int64)
     for k in range(count):
@@ -209,35 +239,35 @@ def split_merged(image, dark, bright, run, count, blobs, usual, glare, out):  # 
     for b in range(blobs):
         if first[b] < 0:
             continue
-        start = made
+        start = total
         k = first[b]
         while k >= 0:
             i = run[0, k]
             for j in range(run[1, k], run[2, k]):
-                here = _light_around(image, dark, i, j, half)
-                if here < least or made == most:
+                light = _light_around(image, dark, i, j, half)
+                if light < least or total == most:
                     continue
                 summit = True
                 for di in range(-1, 2):
                     for dj in range(-1, 2):
                         if summit and (di or dj):
-                            there = _light_around(image, dark, i + di, j + dj, half)
+                            other = _light_around(image, dark, i + di, j + dj, half)
                             later = di > 0 or (di == 0 and dj > 0)
-                            summit = here > there or (later and here == there)
+                            summit = light > other or (later and light == other)
                 if summit:
-                    out[made, 0], out[made, 1], out[made, 2] = j, i, 0.0
-                    made += 1
+                    out[total, 0], out[total, 1], out[total, 2] = j, i, 0.0
+                    total += 1
             k = chain[k]
-        if made - start < 2:
-            made = start
+        if total - start < 2:
+            total = start
             continue
-        sums = np.zeros((made - start, 4))
+        sums = np.zeros((total - start, 4))
         k = first[b]
         while k >= 0:
             i = run[0, k]
             for j in range(run[1, k], run[2, k]):
                 best, mine = np.inf, 0
-                for s in range(start, made):
+                for s in range(start, total):
                     square = (out[s, 0] - j) ** 2 + (out[s, 1] - i) ** 2
                     if square < best:
                         best, mine = square, s - start
@@ -247,19 +277,26 @@ def split_merged(image, dark, bright, run, count, blobs, usual, glare, out):  # 
                 sums[mine, 2] += 1.0
                 sums[mine, 3] += w
             k = chain[k]
-        for s in range(made - start):
+        for s in range(total - start):
             out[start + s, 0] = sums[s, 0] / sums[s, 3]
             out[start + s, 1] = sums[s, 1] / sums[s, 3]
             out[start + s, 2] = sums[s, 2]
         out[b, 2] = 0.0
-    return made
+    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def find_blobs(image, glare, run, out):  # type: ignore[no-untyped-def]
-    """Number of blobs, and those that may be pins (B,); out (R, 3): x, y, px, and area.
+    """Find the bright blobs of a frame.
 
-    glare: multiple of the usual area from which on a blob is a reflection.
+    Args:
+        image: (H, W) grey levels.
+        glare: Multiple of the usual area above which a blob is a reflection.
+        run: (4, R), room for the runs of bright pixels.
+        out: (R, 3), set to x, y, px, and area, px, of every blob.
+
+    Returns:
+        The number of blobs, and (B,) whether each may be a pin.
     """
     threshold, dark, bright = find_levels(image)
     if threshold > 255:

@@ -29,7 +29,8 @@ from tactibench.errors import UserError
 Array = npt.NDArray[np.float64]
 
 RINGS, REACH = 6, 0.8
-"""The usual lattice: 127 points; beyond 0.8 a hexagonal layout has pins in its corners only."""
+"""Rings of the lattice, which has 127 points, and radius of the last one in units of the layout:
+beyond 0.8 a hexagonal layout has pins in its corners only."""
 OUTERMOST = 6
 """Pins whose mean radius is the size of a layout: a hexagon has six corners, and one pin may be
 lost."""
@@ -53,10 +54,10 @@ class Outline:
 
     @classmethod
     def of(cls, rest: Array) -> Self:
-        """Return that of pins (P, 2) px at rest.
+        """Return the outline of pins (P, 2) px at rest.
 
         Raises:
-            UserError: for pins on a line, or fewer than seven.
+            UserError: The pins lie on a line, or are fewer than seven.
         """
         centre = rest.mean(axis=0)
         spread = np.sqrt(np.square(rest - centre).mean(axis=0))
@@ -70,12 +71,15 @@ class Outline:
         return cls(centre, stretch * np.sort(radius)[-OUTERMOST:].mean())
 
     def places(self, xy: Array) -> Array:
-        """Return places (..., 2) px in units from the centre."""
+        """Return places (..., 2) px relative to the centre, in units of the layout."""
         return np.asarray((xy - self.centre) / self.scale, dtype=np.float64)
 
 
 def common_lattice() -> Array:
-    """Return (L, 2) rings of 6 k points around the centre, the last at ``REACH`` units."""
+    """Return the (L, 2) points of the lattice, in units of a layout.
+
+    Ring k around the centre has 6 k points, and the last ring lies at ``REACH`` units.
+    """
     points = [(0.0, 0.0)]
     for ring in range(1, RINGS + 1):
         turns = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
@@ -101,10 +105,10 @@ def common_view(rest: Array, points: Array) -> Callable[[Array], Array]:
 
     Args:
         rest: (P, 2) px, the pins at rest.
-        points: (L, 2) of the lattice.
+        points: (L, 2) points of the lattice, in units of the layout.
 
     Raises:
-        UserError: as ``Outline.of``.
+        UserError: The pins lie on a line, or are fewer than seven.
     """
     outline = Outline.of(rest)
     weights = kriging_weights(outline.places(rest), points)

@@ -1,7 +1,8 @@
 """The Voronoi graph of a frame's pins: which pins are neighbours, and how large their cells are.
 
-The triangulation is Qhull's (scipy). The areas of the cells are summed up from its triangles, each
-of which gives the two ends of an edge the same triangle to its circumcentre.
+The triangulation is Qhull's (scipy). The areas of the cells are summed up from its triangles: for
+each edge of a triangle, both ends get the area of the same triangle, from the end to the edge's
+middle to the circumcentre.
 """
 
 from __future__ import annotations
@@ -48,10 +49,10 @@ def pin_graph(xy: Array) -> PinGraph:
     """Return the Delaunay edges of pins (P, 2) px and the areas of their Voronoi cells, any P.
 
     Pins that coincide are joined by an edge and share one cell equally. Pins on one line are joined
-    along it, all of them at the border. A pin with NaN has no edge and area 0, as has a single one.
+    along it, all of them at the border. A single pin, or a pin with NaN, has no edge and area 0.
 
     Raises:
-        UserError: for any other shape.
+        UserError: The shape of ``xy`` is not (P, 2).
     """
     xy = np.asarray(xy, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2:
@@ -72,8 +73,8 @@ def pin_graph(xy: Array) -> PinGraph:
     pairs = np.concatenate([pairs, np.stack([doubled, twin[doubled]], axis=1)])
     number = np.unique(pairs.min(axis=1) * len(xy) + pairs.max(axis=1))
     edges = np.stack(np.divmod(number, max(len(xy), 1)), axis=1)
-    both = np.sort(np.concatenate([number, edges[:, 1] * len(xy) + edges[:, 0]]))
-    pin, neighbour = np.divmod(both, max(len(xy), 1))
+    both_ways = np.sort(np.concatenate([number, edges[:, 1] * len(xy) + edges[:, 0]]))
+    pin, neighbour = np.divmod(both_ways, max(len(xy), 1))
     first = np.searchsorted(pin, np.arange(len(xy) + 1))
     border = np.full(len(xy), not len(corners))
     area = _cells(np.ascontiguousarray(xy), corners, hull, first, neighbour, border)
@@ -83,9 +84,10 @@ def pin_graph(xy: Array) -> PinGraph:
 
 
 def _triangulate(xy: Array) -> tuple[Edges, Edges]:
-    """Corners (T, 3) of triangles and (H, 3) those with a side on the hull, its two ends first.
+    """Return the corners (T, 3) of all triangles and (H, 3) of those with a side on the hull.
 
-    There are none for pins on a line.
+    In the second array the two ends of the side on the hull come first. For pins on a line both
+    arrays are empty.
     """
     none = np.empty((0, 3), dtype=np.int64)
     if len(xy) < 3:
@@ -102,7 +104,7 @@ def _triangulate(xy: Array) -> tuple[Edges, Edges]:
 
 
 def _nearest_corner(xy: Array, corners: Edges) -> Edges:
-    """Return (P,) every pin itself, or its double in a triangle where two pins coincide."""
+    """Return for every pin (P,) itself, or where two pins coincide the one that has a triangle."""
     nearest = np.arange(len(xy))
     left_out = np.flatnonzero(np.bincount(corners.ravel(), minlength=len(xy)) == 0)
     if len(left_out):
@@ -122,10 +124,18 @@ def _join_line(xy: Array) -> tuple[Edges, Edges]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cells(xy, corners, hull, first, neighbour, border):  # type: ignore[no-untyped-def]
-    """Return (P,) areas of the Voronoi cells; border (P,) is set.
+    """Return the areas of the Voronoi cells, (P,) px^2.
 
-    neighbour[first[p] : first[p + 1]] are those of p. A cell at the border, open or reaching beyond
-    the hull of the pins, is bounded by a circle as far as its three nearest neighbours on the mean.
+    A cell at the border is open or reaches beyond the hull of the pins. It is bounded by a circle
+    whose radius is the mean distance of the pin's three nearest neighbours.
+
+    Args:
+        xy: (P, 2) px, the pins.
+        corners: (T, 3) pins of every triangle.
+        hull: (H, 3) pins of the triangles with a side on the hull, that side's two ends first.
+        first: (P + 1,), so that neighbour[first[p] : first[p + 1]] are the neighbours of pin p.
+        neighbour: Neighbours of all pins, pin after pin.
+        border: (P,), set to True for cells at the border.
     """
     area = np.zeros(len(xy))
     lines = np.empty((len(hull), 3))
@@ -163,14 +173,14 @@ def _cells(xy, corners, hull, first, neighbour, border):  # type: ignore[no-unty
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _side(xy, a, b, c):  # type: ignore[no-untyped-def]
-    """1 where c lies to the left of the way from a to b, else -1."""
+    """Return 1 where pin c lies to the left of the way from a to b, y taken upwards, else -1."""
     dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
     return 1.0 if dx * (xy[c, 1] - xy[a, 1]) - dy * (xy[c, 0] - xy[a, 0]) > 0 else -1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _circumcentre(xy, a, b, c):  # type: ignore[no-untyped-def]
-    """Centre of the circle through three pins; inf for pins on a line."""
+    """Return x and y of the centre of the circle through three pins; inf for pins on a line."""
     dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
     ex, ey = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
     first, second = dx * dx + dy * dy, ex * ex + ey * ey
@@ -183,9 +193,10 @@ def _circumcentre(xy, a, b, c):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _clipped_circle(xy, p, others, reach):  # type: ignore[no-untyped-def]
-    """Area of the places within reach of p that are nearer to it than to others.
+    """Return the area of the places within ``reach`` of pin p that are nearer to it than to others.
 
-    The circle is a polygon of the circle's area, clipped by one bisector after the other.
+    A polygon of the circle's area stands for the circle. It is clipped by one bisector after the
+    other.
     """
     count = len(others)
     x, y = np.empty(_SIDES + count + 1), np.empty(_SIDES + count + 1)
@@ -200,19 +211,19 @@ def _clipped_circle(xy, p, others, reach):  # type: ignore[no-untyped-def]
         half = 0.5 * (dx * dx + dy * dy)
         if half == 0.0:
             continue
-        kept = 0
+        corners = 0
         for k in range(sides):
             m = k + 1 if k + 1 < sides else 0
-            here, there = half - x[k] * dx - y[k] * dy, half - x[m] * dx - y[m] * dy
-            if here >= 0:
-                u[kept], v[kept] = x[k], y[k]
-                kept += 1
-            if (here >= 0) != (there >= 0):
-                share = here / (here - there)
-                u[kept] = x[k] + share * (x[m] - x[k])
-                v[kept] = y[k] + share * (y[m] - y[k])
-                kept += 1
-        sides = kept
+            inside, after = half - x[k] * dx - y[k] * dy, half - x[m] * dx - y[m] * dy
+            if inside >= 0:
+                u[corners], v[corners] = x[k], y[k]
+                corners += 1
+            if (inside >= 0) != (after >= 0):
+                share = inside / (inside - after)
+                u[corners] = x[k] + share * (x[m] - x[k])
+                v[corners] = y[k] + share * (y[m] - y[k])
+                corners += 1
+        sides = corners
         x[:sides], y[:sides] = u[:sides], v[:sides]
     area = 0.0
     for k in range(sides):

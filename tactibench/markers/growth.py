@@ -1,10 +1,10 @@
 """Growth of a match of blobs to pins, compiled: from certain pins to those around them.
 
-The field of displacements is smooth, and can still move pins by more than a pitch. So a pin is not
-sought where it was, but where its matched neighbours predict it: the affine map through them (least
-squares) gives a place and the local stretch; the pin whose blob lies nearest to its place, in local
-pitches, is matched next (best first, a heap). Each start is a connected part of the layout in which
-nearest blobs move alike; the part that leads to most matches wins.
+The field of displacements is smooth, but can move pins by more than a pitch. So a pin is not sought
+where it was, but where its matched neighbours predict it: the affine map through them (least
+squares) gives a place and the local stretch. The pin whose blob lies nearest to its place, in local
+pitches, is matched next (best first, with a heap). Each start is a connected part of the layout in
+which nearest blobs move alike; the part that leads to most matches wins.
 """
 
 from __future__ import annotations
@@ -13,22 +13,32 @@ import numpy as np
 from numba import njit
 
 GATE = 0.45
-"""A blob fits a pin when it is nearer to the predicted place than this, local pitches."""
+"""A blob fits a pin when it is nearer to the predicted place than this, in local pitches."""
 LEAST = 4
 """Matched neighbours needed for a place to be predicted."""
 ALONE = 0.6
-"""A pin none of whose neighbours is matched waits as one that lies this many pitches off."""
+"""Penalty in the order of matching, pitches: a pin with no matched neighbour waits as if its blob
+lay this much farther off, others in proportion."""
 STRETCH_LOW, STRETCH_HIGH = 0.35, 2.5
-"""Limits of the local stretch: beyond them a few noisy neighbours speak, not the skin."""
+"""Limits of the local stretch: what lies beyond them comes from a few noisy neighbours, not from
+the skin."""
 RIDGE = 0.02
-"""Weight of "no slope" against one neighbour: holds the plane where neighbours are in a line."""
+"""Weight of "no slope" against one neighbour: it holds the plane where neighbours are in a line."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def predict_place(p, layout, which, place, out):  # type: ignore[no-untyped-def]
-    """Set out (3,): x, y and stretch of pin p by the affine map through its matched neighbours.
+    """Set out (3,) to x, y, px, and stretch of pin p, by the affine map through its neighbours.
 
-    place: (P, 2) of matched pins. Returns the number of neighbours it rests on.
+    Args:
+        p: Number of the pin.
+        layout: Neighbours of pins at rest.
+        which: (P,) blob of every pin, -1 where the pin is not matched.
+        place: (P, 2) px of matched pins.
+        out: (3,), set to x, y and stretch.
+
+    Returns:
+        The number of matched neighbours that the prediction rests on.
     """
     n = 0
     sxx, sxy, syy, sx, sy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -75,9 +85,18 @@ def predict_place(p, layout, which, place, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def file_blobs(blobs, count, usable, cell, shape):  # type: ignore[no-untyped-def]
-    """The usable blobs chained by square cells of a frame: a grid for ``nearest_blob``.
+    """Return the usable blobs, chained by square cells of a frame: the grid of ``nearest_blob``.
 
-    cell: side of a cell, px. shape: height, width of the frame.
+    Args:
+        blobs: (B, 2 or more), x and y first, px.
+        count: Number of blobs.
+        usable: (B,) whether a blob may be a pin.
+        cell: Side of a cell, px.
+        shape: Height and width of the frame, px.
+
+    Returns:
+        Side of a cell, columns, rows, the first blob of every cell, and the blob after each blob in
+        its cell; -1 for none.
     """
     columns, rows = int(shape[1] / cell) + 1, int(shape[0] / cell) + 1
     head, after = np.full(columns * rows, -1), np.full(count, -1)
@@ -92,7 +111,18 @@ def file_blobs(blobs, count, usable, cell, shape):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_blob(x, y, reach, blobs, owner, grid):  # type: ignore[no-untyped-def]
-    """Nearest blob within reach that nobody owns, -1 for none; its squared distance."""
+    """Return the nearest blob within reach that no pin owns, and its squared distance, px^2.
+
+    Where there is none, these are -1 and the squared reach.
+
+    Args:
+        x: Place from which distances are measured, px.
+        y: Place from which distances are measured, px.
+        reach: Largest distance, px.
+        blobs: (B, 2 or more), x and y first, px.
+        owner: (B,) pin of every blob, -1 for none.
+        grid: The blobs as ``file_blobs`` chained them.
+    """
     cell, columns, rows, head, after = grid
     best, blob = reach * reach, -1
     left, right = max(int((x - reach) / cell), 0), min(int((x + reach) / cell), columns - 1)
@@ -124,7 +154,7 @@ def _push(score, pin, size, new_score, new_pin):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pop(score, pin, size):  # type: ignore[no-untyped-def]
-    """Take the least off; it is then behind the end."""
+    """Move the least entry behind the end of the heap, and return the new size."""
     least_score, least_pin = score[0], pin[0]
     size -= 1
     last_score, last_pin = score[size], pin[size]
@@ -146,11 +176,18 @@ def _pop(score, pin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def grow_matches(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
-    """Match on from what ``which`` (P,) holds; -1: not matched. Returns the number matched.
+    """Match further pins, from the matches that ``which`` holds.
 
-    back (P, R): whose neighbour a pin is, -1 behind.
-    owner (B,): pin of a blob, place (P, 2): of matched pins; both are kept up to date.
-    grid: the blobs as ``file_blobs`` chained them.
+    Args:
+        layout: Neighbours of pins at rest.
+        blobs: (B, 2 or more), x and y first, px.
+        which: (P,) blob of every pin, -1 where it is not matched; is updated.
+        owner: (B,) pin of every blob, -1 for none; is updated.
+        place: (P, 2) px of matched pins; is updated.
+        grid: The blobs as ``file_blobs`` chained them.
+
+    Returns:
+        The number of matched pins.
     """
     pins, many = layout.near.shape
     score, queue = np.empty(pins + 1), np.empty(pins + 1, np.int64)

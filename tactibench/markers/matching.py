@@ -1,4 +1,7 @@
-"""All pins of one frame from its blobs, compiled: first guesses, growth, doubts, the unseen."""
+"""Match of all pins of one frame to its blobs, compiled.
+
+First guesses are grown, doubtful matches are taken back, and pins that are not seen are predicted.
+"""
 
 from __future__ import annotations
 
@@ -20,22 +23,24 @@ STEEPEST = 0.25
 """Neighbours move alike when their displacements differ by less than this share of their distance.
 Between pins of real plate presses 0.35 is passed by one pair in a thousand."""
 PARTS, STARTS = 3, 24
-"""Numbers of starts that are tried: parts that hardly moved, and patches at the border."""
+"""Numbers of starts that are tried: parts that hardly moved, then patches at the border."""
 FARTHEST = 1.3
-"""A pin of the border is looked for this many pitches around."""
+"""A pin of the border is sought within this many pitches of its place at rest."""
 WIDE = 0.8
-"""A pin that is left takes a blob that is left within this many local pitches."""
+"""A pin that is left over takes a blob that is left over within this many local pitches."""
 ENOUGH = 0.97
-"""A match of this share ends the search: one that is a pin off loses a side of the layout."""
+"""A match of this share of the pins ends the search: a match that is one pin off loses a whole side
+of the layout."""
 AT_HOME = 0.5
-"""A border that moved by less than this many pitches, on the mean, is not one pin off."""
+"""A border that moved by less than this many pitches on average is not one pin off."""
 DOUBTS = 3
-"""Rounds in which doubtful matches are taken back and grown again; it ends earlier when none is."""
+"""Most rounds in which doubtful matches are taken back and grown again; fewer when none is
+doubtful."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _guess_matches(layout, blobs, owner, grid, which):  # type: ignore[no-untyped-def]
-    """Set which (P,): the nearest blob of each pin, where no other pin is nearer to it."""
+    """Set which (P,) to the nearest blob of each pin, -1 where another pin is nearer to it."""
     square = np.empty(len(layout.rest))
     taker = np.full(len(blobs), -1)
     for p in range(len(layout.rest)):
@@ -55,10 +60,19 @@ def _guess_matches(layout, blobs, owner, grid, which):  # type: ignore[no-untype
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _find_parts(layout, blobs, which, part):  # type: ignore[no-untyped-def]
-    """Set part (P,): the number of the connected part in which neighbours move alike, -1: in none.
+    """Find the connected parts of the layout in which neighbours move alike.
 
-    A pin is in a part when at least half of its guessed neighbours, and three, move like it.
-    Returns the sizes.
+    A pin is in a part when at least three quarters of its guessed neighbours, and four, move like
+    it.
+
+    Args:
+        layout: Neighbours of pins at rest.
+        blobs: (B, 2 or more), x and y first, px.
+        which: (P,) guessed blob of every pin, -1 for none.
+        part: (P,), set to the number of each pin's part, -1 for a pin in no part.
+
+    Returns:
+        The numbers of pins of the parts.
     """
     pins, many = layout.near.shape
     sound = np.zeros(pins, np.bool_)
@@ -106,7 +120,7 @@ def _find_parts(layout, blobs, which, part):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _unmatch_doubtful(layout, which, owner, place):  # type: ignore[no-untyped-def]
-    """Take back matches that lie off where their neighbours predict them. Returns how many."""
+    """Take back matches that lie far from where their neighbours predict them; return how many."""
     out = np.empty(3)
     off = np.zeros(len(layout.rest))
     for p in range(len(layout.rest)):
@@ -129,10 +143,22 @@ def _unmatch_doubtful(layout, which, owner, place):  # type: ignore[no-untyped-d
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _border_starts(layout, blobs, owner, grid, pin, taken):  # type: ignore[no-untyped-def]
-    """Starts at the border, surest first: pin (S,) and its blob, taken (S,). Returns how many.
+    """Find starts at the border, surest first.
 
-    A pin of the border with any blob near it and the displacement between the two: how many of its
-    neighbours find a blob when they are moved as much, and how near.
+    A start is a pin of the border with any blob near it. It is the surer, the more of the pin's
+    neighbours find a blob when they are displaced as much, the nearer these blobs are, and the
+    smaller the displacement is.
+
+    Args:
+        layout: Neighbours of pins at rest.
+        blobs: (B, 2 or more), x and y first, px.
+        owner: (B,) pin of every blob, -1 for none.
+        grid: The blobs as ``file_blobs`` chained them.
+        pin: (S,), set to the pins of the starts.
+        taken: (S,), set to the blobs of these pins.
+
+    Returns:
+        The number of starts, at most S.
     """
     worth = np.empty(len(pin))
     count = 0
@@ -164,7 +190,7 @@ def _border_starts(layout, blobs, owner, grid, pin, taken):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grow(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
-    """Spread, take back what is doubtful, spread again. Returns the number matched."""
+    """Grow the matches, take back doubtful ones and grow again; return the number of matches."""
     for p in range(len(layout.rest)):
         if which[p] >= 0:
             owner[which[p]] = p
@@ -180,9 +206,9 @@ def _grow(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _match_leftovers(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
-    """Give pins that are left the blobs that are left, nearest first; returns how many got one.
+    """Match the pins and blobs that are left over, nearest first; return the number of matches.
 
-    Where the field is steep, neighbours predict badly; what lies near is then still the likeliest.
+    Where the field is steep, neighbours predict badly, but the nearest blob is still the likeliest.
     """
     out = np.empty(3)
     given = 0
@@ -204,7 +230,7 @@ def _match_leftovers(layout, blobs, which, owner, place, grid):  # type: ignore[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _border_shift(layout, which, place):  # type: ignore[no-untyped-def]
-    """Mean displacement of the border's pins, pitches."""
+    """Return the mean displacement of the border's matched pins, pitches."""
     total, count = 0.0, 0
     for p in layout.border:
         if which[p] >= 0:
@@ -216,12 +242,23 @@ def _border_shift(layout, which, place):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_pins(layout, blobs, count, usable, shape, which, place):  # type: ignore[no-untyped-def]
-    """Set which (P,): blob of every pin, -1: not seen; place (P, 2): where it is, if seen.
+    """Match the pins of a layout to the blobs of a frame.
 
-    blobs (B, 2 and more), of which the first ``count`` hold something; usable (B,): those that may
-    be pins. shape: height, width of the frame. Starts are tried until one leads to a match of all
-    pins (or blobs) with a border that hardly moved; else that with most matches wins, and of
-    several that whose border moved least. Returns the number matched.
+    Starts are tried until one leads to a match of nearly all pins (or blobs) with a border that
+    hardly moved. Otherwise the start with most matches wins, and of several the one whose border
+    moved least.
+
+    Args:
+        layout: Neighbours of pins at rest.
+        blobs: (B, 2 or more), x and y first, px, of which the first ``count`` are set.
+        count: Number of blobs.
+        usable: (B,) whether a blob may be a pin.
+        shape: Height and width of the frame, px.
+        which: (P,), set to the blob of every pin, -1 where it is not seen.
+        place: (P, 2), set to the place of every seen pin, px.
+
+    Returns:
+        The number of matched pins.
     """
     pins = len(layout.rest)
     cell = max(np.median(layout.pitch), 2.0)
@@ -258,7 +295,7 @@ def match_pins(layout, blobs, count, usable, shape, which, place):  # type: igno
                 break
             p, b = pin[k], taken[k]
             if which[p] == b and best > 0.5 * most:
-                continue  # that has been tried
+                continue  # the best match has this pair already
             u, v = blobs[b, 0] - layout.rest[p, 0], blobs[b, 1] - layout.rest[p, 1]
             mine[p], owner[b] = b, p
             for k in range(layout.near.shape[1]):
@@ -292,7 +329,10 @@ def match_pins(layout, blobs, count, usable, shape, which, place):  # type: igno
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_unseen(layout, which, place):  # type: ignore[no-untyped-def]
-    """Fill in place (P, 2) of pins with which < 0, those with most placed neighbours first."""
+    """Predict the place (P, 2) px of pins with which < 0, those with most placed neighbours first.
+
+    Where no pin is matched, all stand at rest.
+    """
     placed = which.copy()
     out = np.empty(3)
     left = 0

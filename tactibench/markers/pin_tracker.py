@@ -21,21 +21,22 @@ Images = npt.NDArray[np.uint8]
 Made = TypeVar("Made")
 
 _GROUND, _PINS = 0.5, 0.97
-"""Quantiles of a frame that are ground and pins, which cover 5 to 20 % of it."""
+"""Quantiles of a frame's grey levels that are ground and pins; pins cover 5 to 20 % of a frame."""
 _FAINTEST_LIGHT = 0.05
 """Share of the rest frame's light below which noise would be taken for pins."""
 _COVER = 1.25
 """Factor by which brighter pins may cover more of a frame than at rest; beyond it a reflection is
 taken for pins. Blurred pins cover more and are darker."""
 _ALIKE = 0.05
-"""Light that differs by less is the rest frame's: pins that move under a lens differ as much."""
+"""Relative difference of light below which a frame has the light of the rest frame: pins that move
+under a lens differ as much."""
 _SAME_GROUND, _LEVELS = 0.05, 1.0
-"""Share of its grey level, and whole levels, by which the ground may differ from what the pins'
-light says: levels are whole numbers, and a dark ground has few."""
+"""Share of its grey level, and number of levels, by which the ground may differ from what the pins'
+light predicts: levels are whole numbers, and a dark ground has few."""
 _SATURATED = 250
 """Grey level of pins from which they may be brighter than the camera shows."""
 _DOUBTFUL = 2.5
-"""Pins at rest within this many spacings of one that was not seen may be one pin off."""
+"""Pins at rest within this many spacings of a pin that was not seen may be one pin off."""
 
 
 def rest_images(frames: Sequence[Frame]) -> list[Images]:
@@ -47,10 +48,10 @@ def rest_images(frames: Sequence[Frame]) -> list[Images]:
 
 
 class BySensor(Generic[Made]):
-    """One object for every sensor whose frames are seen; a rest image tells sensors apart."""
+    """One object for every sensor whose frames were seen; rest images tell sensors apart."""
 
     def __init__(self, make: Callable[[PinTracker], Made]) -> None:
-        """make: from the pins of a sensor."""
+        """Take the function ``make``, which makes the object of a sensor from its pins."""
         self._make = make
         self._made: list[tuple[Images, Made]] = []
 
@@ -58,7 +59,8 @@ class BySensor(Generic[Made]):
         """Return the number of the frame's sensor, 0 for the first one that was seen.
 
         Raises:
-            UserError: for a frame without a rest image, or what ``make`` raises.
+            UserError: The frame has no rest image, its rest image shows no pins, or ``make``
+                refuses the sensor.
         """
         rest = frame.rest_image
         if rest is None:
@@ -73,20 +75,37 @@ class BySensor(Generic[Made]):
         return len(self._made) - 1
 
     def __getitem__(self, number: int) -> Made:
-        """Return what was made for a sensor."""
+        """Return the object that was made for the sensor of a number."""
         return self._made[number][1]
 
     def rows(self, frames: Sequence[Frame]) -> dict[int, list[int]]:
-        """Return number -> rows of the frames of that sensor."""
+        """Return the number of each sensor -> rows of its frames.
+
+        Raises:
+            UserError: A frame has no rest image, a rest image shows no pins, or ``make`` refuses a
+                sensor.
+        """
         numbers = [self.number(frame) for frame in frames]
         return {n: [row for row, m in enumerate(numbers) if m == n] for n in sorted(set(numbers))}
 
 
 class PinTracker:
-    """The pins of one sensor, followed from where they are in its rest image."""
+    """The pins of one sensor, tracked from their places in its rest image.
+
+    Attributes:
+        rest_image: (side, side) gray, the untouched sensor.
+        tracker: The tracker of its pins.
+    """
 
     def __init__(self, rest_image: Images) -> None:
-        """rest_image: (side, side) gray, the untouched sensor. Raises UserError without pins."""
+        """Find the pins at rest.
+
+        Args:
+            rest_image: (side, side) gray, the untouched sensor.
+
+        Raises:
+            UserError: The rest image shows no pins.
+        """
         self.rest_image = rest_image
         self.tracker = Tracker(rest_image)
 
@@ -95,11 +114,12 @@ class PinTracker:
         """Return the tracker of the rest image that the frames carry.
 
         Args:
-            frames: of one sensor.
-            otherwise: a frame that is hardly pressed, for frames without a rest image.
+            frames: Frames of one sensor.
+            otherwise: A frame that is hardly pressed, for frames without a rest image.
 
         Raises:
-            UserError: where there is neither, or the frames are of several sensor instances.
+            UserError: The frames are of several sensor instances, there is neither a rest image nor
+                ``otherwise``, or the image that is used shows no pins.
         """
         rests = rest_images(frames)
         if len(rests) > 1:
@@ -136,19 +156,23 @@ class PinTracker:
         return images
 
     def _lit(self, image: Images) -> Images:
-        """Return an image (side, side) with the light of the rest image, where it has another."""
+        """Return an image (side, side), brought to the light of the rest image if it has another.
+
+        It stays as it is where its light is as at rest or too faint, and where it changed in a way
+        that no lamp explains.
+        """
         ground, contrast, cover = _light(image)
-        own_ground, own_contrast, own_cover = self._light
-        factor = contrast / own_contrast
+        rest_ground, rest_contrast, rest_cover = self._light
+        factor = contrast / rest_contrast
         if abs(factor - 1) < _ALIKE or factor < _FAINTEST_LIGHT:
             return image
         # A lamp acts on the ground as well; lost or blurred pins and a reflection do not.
-        far = abs(ground - factor * own_ground) > max(_SAME_GROUND * ground, _LEVELS)
+        far = abs(ground - factor * rest_ground) > max(_SAME_GROUND * ground, _LEVELS)
         if far and ground + contrast < _SATURATED:
             return image
-        if factor > 1 and cover > _COVER * own_cover:
+        if factor > 1 and cover > _COVER * rest_cover:
             return image
-        lit = own_ground + (image.astype(np.float32) - ground) / np.float32(factor)
+        lit = rest_ground + (image.astype(np.float32) - ground) / np.float32(factor)
         levels: Images = np.rint(lit).clip(0, 255).astype(np.uint8)
         return levels
 
@@ -161,10 +185,10 @@ class PinTracker:
         return self.track(images)[0]
 
     def track(self, images: Images) -> tuple[Array, Flags]:
-        """Return ``displacements``, and (N, P) whether a pin is surely itself.
+        """Return the (N, 2 P) ``displacements``, and (N, P) whether each pin is sure.
 
-        Where pins crowd a tracker may be one pin off, and then one nearby finds no place: pins
-        around one that was not seen are doubtful.
+        Where pins crowd, a tracker may be one pin off. A pin nearby then finds no place, so pins
+        around a pin that was not seen are doubtful.
         """
         tracks = self.tracker.track(images)
         moved = (tracks.xy - self.rest).transpose(0, 2, 1)
@@ -174,9 +198,13 @@ class PinTracker:
         return moved.reshape(len(images), 2 * len(self.rest)), sure
 
     def retrack(self, images: Images, moved: Array) -> tuple[Array, Flags]:
-        """Return displacements, and (N, P) whether a pin was found, of pins about at ``moved``.
+        """Return displacements (N, 2 P) px of pins near ``moved``, and (N, P) whether each is seen.
 
-        Tells crowded pins apart that ``track`` could not. moved: (N, 2 P) px.
+        This tells crowded pins apart that ``track`` cannot.
+
+        Args:
+            images: (N, side, side) gray, in the light of the rest image.
+            moved: (N, 2 P) approximate displacements, x of all pins before y of all, px.
         """
         xy = self.rest + moved.reshape(len(images), 2, -1).transpose(0, 2, 1)
         tracks = self.tracker.refit(images, xy)
@@ -191,7 +219,7 @@ class PinTracker:
 
     @cached_property
     def _distances(self) -> Array:
-        """Return (P, P) distances between pins at rest, px."""
+        """The (P, P) distances between pins at rest, px."""
         return np.asarray(np.hypot(*(self.rest[:, None] - self.rest).transpose(2, 0, 1)))
 
     @cached_property
@@ -200,7 +228,7 @@ class PinTracker:
 
 
 def _light(image: Images) -> tuple[float, float, float]:
-    """Return the grey level of the ground, that of pins above it, and the share that they cover."""
+    """Return the ground's grey level, the pins' level above it, and the share that pins cover."""
     ranks = [int(share * (image.size - 1)) for share in (_GROUND, _PINS)]
     ground, pins = np.partition(image, ranks, axis=None)[ranks].astype(float)
     contrast = max(pins - ground, 1.0)

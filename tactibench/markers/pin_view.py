@@ -1,9 +1,9 @@
 """Raw pictures of a camera: the part that shows pins, cut out and evenly lit.
 
-A pin is a bright spot of one size that all pins share, brighter than its neighbourhood; the light
-around it, the rim of the sensor and the lamps that mirror themselves in the gel are not. What is
-smaller than twice a pin is told from its ground by a white top-hat (Serra, Image Analysis and
-Mathematical Morphology, 1982), and pins in the shade are brought to the light of the others.
+A pin is a spot that is brighter than its neighbourhood, and all pins have one size. The light
+around them, the rim of the sensor and the reflections of lamps in the gel are no such spots. A
+white top-hat (Serra, Image Analysis and Mathematical Morphology, 1982) separates what is smaller
+than twice a pin from its ground, and pins in the shade are brought to the light of the others.
 """
 
 from __future__ import annotations
@@ -30,27 +30,30 @@ noise alone leaves of a top-hat reaches 4."""
 _AREA = (0.35, 2.5)
 """Spots of one size, in shares of their median area: pins in the shade look smaller."""
 _SLENDER = 1.8
-"""A spot that is longer by this factor than wide is the edge of something."""
+"""A spot whose length is this many times its width is the edge of something."""
 _APART = 2.2
-"""A pin has two others within so many usual distances, or it is a spot somewhere else."""
+"""A pin has two others within this many usual distances; otherwise the spot is no pin."""
 _GLARE = 1.6
 """A spot this many times as bright as the pins around it is a lamp's reflection: pins beside each
 other differ by 1.3 at most."""
 _FAINT = 0.25
-"""Share of a pin's level down to which the light around a reflection's middle belongs to it."""
+"""Share of a pin's level down to which the light around a reflection's middle belongs to the
+reflection."""
 _AROUND = 3.0
-"""Distances between pins over which light is taken as one: a lamp's cone covers many pins, and
-a reflection is far outvoted."""
+"""Distances between pins over which the light is averaged: a lamp's cone covers many pins, and a
+reflection counts little among them."""
 _MARGIN = 1.0
 """Distances between pins that stay around the outermost ones, which move by less than half of one:
 they are fixed at the border."""
 _PIN_LEVEL = 200.0
 """Level of a pin's middle in an evenly lit picture; brighter ones have room up to 255."""
 _MOST_PX = 320
-"""Longest side of what is cut out: pins of 331 are still 5 px wide, and models see less."""
+"""Longest side of the result: the pins of a sensor with 331 are still 5 px wide, and models see
+less."""
 _PLAIN = 0.8
-"""Share of the pins that one level for the whole picture must find, or it is a raw one: it finds
-all in pictures that were made for pins (Tac-VGNN, the simulator), and none beside a bright rim."""
+"""Share of the pins that one threshold for the whole picture must find; otherwise the picture is
+raw. A threshold finds all pins in pictures that were made for pins (Tac-VGNN, the simulator), and
+none beside a bright rim."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +63,12 @@ class PinView:
     Attributes:
         shape: Height and width of the pictures, px.
         top: First row that is cut out.
-        left: First column.
+        left: First column that is cut out.
         side: Rows and columns that are cut out.
         size: Rows and columns of the result.
-        diameter_px: About the diameter of a pin in the raw picture.
-        gain: (side, side) level of the result by level over the ground; 0 at reflections.
+        diameter_px: Approximate diameter of a pin in the raw picture.
+        gain: (side, side) factor from the level over the ground to the level of the result; 0 at
+            reflections and beyond the pins.
     """
 
     shape: tuple[int, int]
@@ -82,10 +86,13 @@ class PinView:
         )
 
     def of(self, image: Images) -> Images:
-        """Return (size, size) uint8, pins bright on black, of a raw picture (H, W) or (H, W, 3).
+        """Return the view of a raw picture: pins bright on black, (size, size) uint8.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8.
 
         Raises:
-            UserError: The picture has another size than the one the view was found in.
+            UserError: The picture has another size than the picture in which the view was found.
         """
         from tactibench.images import gray, resized
 
@@ -98,17 +105,17 @@ class PinView:
         return resized(even, (self.size, self.size))
 
     def reflections(self, level: Images) -> npt.NDArray[np.bool_]:
-        """Return (side, side), where spots of a gray picture are too bright for pins."""
+        """Return where spots of a gray picture (H, W) are too bright for pins, (side, side)."""
         import cv2
 
         even = self._even(level)
         _, spot = cv2.connectedComponents((even > _FAINT * _PIN_LEVEL).astype(np.uint8))
         glaring = np.unique(spot[even > _GLARE * _PIN_LEVEL])
-        whole = np.isin(spot, glaring[glaring > 0]).astype(np.uint8)
-        return np.asarray(cv2.dilate(whole, np.ones((5, 5), np.uint8)), dtype=bool)
+        reflection = np.isin(spot, glaring[glaring > 0]).astype(np.uint8)
+        return np.asarray(cv2.dilate(reflection, np.ones((5, 5), np.uint8)), dtype=bool)
 
     def _even(self, level: Images) -> Floats:
-        """Return (side, side) levels over the ground, as if all pins were lit alike."""
+        """Return the levels over the ground, (side, side), as if all pins were lit alike."""
         edge = 2 * self.diameter_px  # the top-hat needs the ground around what is cut out
         rows = slice(max(0, self.top - edge), self.top + self.side + edge)
         columns = slice(max(0, self.left - edge), self.left + self.side + edge)
@@ -120,7 +127,7 @@ class PinView:
 def is_raw(image: Images) -> bool:
     """Return whether a picture (H, W) or (H, W, 3) shows pins, but not on a dark and even ground.
 
-    Pins are then found over the ground around them that no single level tells from it.
+    Its pins are found over the ground around them, but no single threshold finds them.
     """
     from tactibench.images import gray
 
@@ -135,10 +142,13 @@ def is_raw(image: Images) -> bool:
 
 
 def find_pin_view(image: Images) -> PinView:
-    """Find the pins of a raw picture, best of the undeformed sensor.
+    """Find the pins of a raw picture and return the view of them.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, preferably of the undeformed sensor.
 
     Raises:
-        UserError: It shows no pattern of spots of one size.
+        UserError: The picture shows no pattern of spots of one size.
     """
     from tactibench.images import gray
 
@@ -173,14 +183,14 @@ def find_pin_view(image: Images) -> PinView:
 
 
 def _over_ground(level: Images, diameter: int) -> Floats:
-    """Return (H, W), by how much a picture is brighter than the ground around spots."""
+    """Return by how many levels a picture is brighter than the ground around spots, (H, W)."""
     import cv2
 
     width = 2 * diameter + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     smooth = cv2.GaussianBlur(level, (0, 0), max(0.5, diameter / 8))  # a pin is no single pixel
     over = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, kernel).astype(np.float32)
-    # An opening takes the darkest of the ground's noise: its median is the level of no pin.
+    # The opening follows the darkest noise of the ground: the median is the level without a pin.
     return np.asarray(np.maximum(over - np.float32(np.median(over)), 0), dtype=np.float32)
 
 
@@ -190,9 +200,15 @@ def _noise(level: Images) -> float:
 
 
 def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floats]:
-    """Return (P, 2) px and (P,) peaks of the spots of about a diameter that have neighbours.
+    """Find the spots of about one diameter that have neighbours.
 
-    over: (H, W) levels from 0 on, of which so much is ``noise``.
+    Args:
+        over: (H, W) levels over the ground, 0 or more.
+        diameter: Diameter of the spots, px.
+        noise: Usual difference of neighbouring pixels, levels.
+
+    Returns:
+        Places (P, 2) px and peaks (P,) of the spots.
     """
     import cv2
 
@@ -213,8 +229,8 @@ def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floa
         return none
     usual = np.median(area[sized])
     sized &= (area > _AREA[0] * usual) & (area < _AREA[1] * usual)
-    which = np.flatnonzero(sized) + 1
-    xy = np.asarray(centre[which], dtype=np.float64)
+    labels = np.flatnonzero(sized) + 1
+    xy = np.asarray(centre[labels], dtype=np.float64)
     if len(xy) < _LEAST_PINS:
         return none
     peaks = np.zeros(count, np.float32)
@@ -222,15 +238,15 @@ def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floa
     pins = _distances(xy, 2)[:, 1] < _APART * _pitch(xy)
     # A rim that the border cuts off looks like a spot there.
     pins &= ((xy >= diameter) & (xy < np.array(over.shape[::-1]) - diameter)).all(axis=1)
-    return xy[pins], peaks[which[pins]]
+    return xy[pins], peaks[labels[pins]]
 
 
 def _distances(xy: Places, count: int) -> Places:
-    """Return (P, count) distances to the nearest others, px."""
+    """Return the distances of every place to its nearest others, (P, count) px."""
     from scipy.spatial import cKDTree
 
-    found: Places = cKDTree(xy).query(xy, k=count + 1)[0][:, 1:]
-    return found
+    distances: Places = cKDTree(xy).query(xy, k=count + 1)[0][:, 1:]
+    return distances
 
 
 def _pitch(xy: Places) -> float:
@@ -239,7 +255,13 @@ def _pitch(xy: Places) -> float:
 
 
 def _usual_peaks(at: Places, xy: Places, peak: Floats) -> Floats:
-    """Return (N,) median peaks of the pins around places at (N, 2)."""
+    """Return the median peaks of the pins around places, (N,).
+
+    Args:
+        at: (N, 2) px, the places.
+        xy: (P, 2) px, the pins.
+        peak: (P,) peaks of the pins.
+    """
     from scipy.spatial import cKDTree
 
     near = cKDTree(xy).query(at, k=min(12, len(xy)))[1]
@@ -247,7 +269,7 @@ def _usual_peaks(at: Places, xy: Places, peak: Floats) -> Floats:
 
 
 def _gain(xy: Places, peak: Floats, side: int, pitch: float) -> Floats:
-    """Return (side, side) the factor that brings pins there to their level."""
+    """Return the factor that brings pins at each pixel to ``_PIN_LEVEL``, (side, side)."""
     import cv2
 
     coarse = 32

@@ -1,13 +1,13 @@
-"""Pins as soft discs, fitted to the grey levels of a frame together.
+"""Pins as soft discs that are fitted together to the grey levels of a frame.
 
-A frame is taken for dark(x, y) + contrast(x, y) min(1, sum of the discs), each disc
+A frame is modelled as dark(x, y) + contrast(x, y) min(1, sum of the discs), with each disc
 
     s(a) = a^2 (3 - 2 a),   a = (radius + edge - distance) / (2 edge) within 0..1
 
 averaged over a pixel by four points. Centres and radii are found by weighted least squares, pin by
 pin in turn with the others' light taken off (block Gauss-Seidel), so that pins which overlap do not
-pull at each other. A radius is free because pins come nearer to the camera, held loosely to that at
-rest. Dark level, contrast, edge and radii are those of the sensor at rest.
+pull at each other. A radius is free because pins come nearer to the camera, but is held loosely to
+that at rest. Dark level, contrast, edge and usual radii are those of the sensor at rest.
 """
 
 from __future__ import annotations
@@ -25,32 +25,36 @@ Images = npt.NDArray[np.uint8]
 
 READ, SHOT = 2.3, 0.0255
 """Variance of a pixel: READ + SHOT x level (1.5 levels of read noise, 10,000 electrons at 255).
-Only weights of pixels follow from it; a camera with other noise loses little."""
+It only sets the weights of pixels; a camera with other noise loses little."""
 LOOSE = 0.2
-"""A radius is held to that at rest with this standard deviation, of that radius."""
+"""Standard deviation, as a share of the radius at rest, by which a radius is held to it."""
 LARGEST_STEP = 0.6
+"""Largest step of a pin in one sweep, px."""
 STILL = 2e-4
-"""Steps, px: the largest of one turn, and the one below which a frame is fitted."""
+"""A pin whose last step was shorter is fitted, px."""
 _OFF = 0.25
-"""A pixel is summed at four points this far from its centre, px: the midpoints of its quarters."""
+"""A pixel is averaged over four points, the midpoints of its quarters: their distance from its
+centre along x and y, px."""
 SOFTEST, SHARPEST = 3.0, 0.35
-"""Range in which the half-width of an edge is sought, px."""
+"""Limits between which the half-width of an edge is sought, px."""
 FAITHFUL = 0.06
-"""A look is taken where it gives the rest frame to this rms, of the contrast."""
+"""A profile is used where it fits the rest frame to this rms, as a share of the contrast."""
 _ROUNDS = 3
+"""Rounds in which discs are fitted, then the polynomials of dark level and contrast."""
 _AROUND = 2.5
+"""Width of the ground around a pin that takes part in the fit at rest, px."""
 
 
 @dataclass(frozen=True, eq=False)
 class PinProfile:
-    """The look of pins at rest.
+    """The profile of pins at rest.
 
     Attributes:
         dark: (H, W) grey levels without light.
         contrast: (H, W) grey levels of full light over dark ones.
         edge: Half-width of a disc's edge, px.
         disc: (P, 3) x, y and radius, px.
-        residual: Rms grey levels that the discs leave of the rest frame.
+        residual: Rms difference between the rest frame around its pins and the fit, grey levels.
     """
 
     dark: Array
@@ -61,11 +65,19 @@ class PinProfile:
 
 
 def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
-    """Return the look of pins at xy (P, 2) px of these areas in the rest frame (H, W).
+    """Return the profile of the pins in a rest frame.
 
-    It is None for a frame that is black and white, or in which pins are no soft discs: there is
-    nothing to fit. Dark level and contrast are polynomials, of degree 4 with 60 pins and more:
-    light falls off towards the rim.
+    Dark level and contrast are polynomials, of degree 4 for 60 pins and more: light falls off
+    towards the rim.
+
+    Args:
+        image: (H, W) uint8, the rest frame.
+        xy: (P, 2) centres of the pins, px.
+        area: (P,) areas of the pins, px.
+
+    Returns:
+        The profile. None where there is nothing to fit: the frame is black and white, has fewer
+        than three pins, or its pins are no soft discs.
     """
     if len(xy) < 3 or np.count_nonzero(np.bincount(image.ravel(), minlength=256)) < 8:
         return None
@@ -75,7 +87,13 @@ def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
 
 @lru_cache(maxsize=32)  # a fit takes 0.2 s, and models of one process see the same few sensors
 def _fit_from(pixels: bytes, shape: tuple[int, int], discs: bytes) -> PinProfile | None:
-    """Return the look of pins; discs: (P, 3) x, y and radius, px, where the search begins."""
+    """Return the profile of pins as ``fit_profile`` does, from arguments that can be cached.
+
+    Args:
+        pixels: Bytes of the rest frame, uint8.
+        shape: Height and width of the rest frame.
+        discs: Bytes of (P, 3) x, y and radius, px, where the search begins.
+    """
     from scipy.optimize import minimize_scalar
 
     image = np.frombuffer(pixels, dtype=np.uint8).reshape(shape).copy()
@@ -94,7 +112,7 @@ def _fit_from(pixels: bytes, shape: tuple[int, int], discs: bytes) -> PinProfile
 
 
 def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:
-    """Return the best look with this edge."""
+    """Return the best profile whose edge has the half-width ``edge``, px."""
     disc = disc.copy()
     level = image.astype(np.float64)
     terms = _terms(image.shape, 4 if len(disc) >= 60 else 2 if len(disc) >= 20 else 0)
@@ -115,14 +133,14 @@ def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:
 
 
 def _terms(shape: tuple[int, ...], degree: int) -> Array:
-    """Return (H, W, T) products of powers of x and y, scaled to -1..1."""
+    """Return the products of powers of x and y, (H, W, T), with x and y scaled to -1..1."""
     y, x = (np.linspace(-1, 1, side) for side in shape)
     powers = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
     return np.stack([y[:, None] ** a * x[None] ** b for a, b in powers], axis=-1)
 
 
 def _near(shape: tuple[int, ...], disc: Array) -> npt.NDArray[np.bool_]:
-    """Return (H, W) True around pins; light beyond, such as reflections, is not theirs."""
+    """Return (H, W), True around pins; light beyond, such as reflections, is not theirs."""
     out = np.zeros(shape, dtype=np.bool_)
     for x, y, radius in disc:
         wide = radius + _AROUND
@@ -134,7 +152,7 @@ def _near(shape: tuple[int, ...], disc: Array) -> npt.NDArray[np.bool_]:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _add_disc(x, y, radius, edge, sign, cover):  # type: ignore[no-untyped-def]
-    """Add a disc, times sign, to cover (H, W)."""
+    """Add a disc, times ``sign``, to cover (H, W)."""
     height, width = cover.shape
     reach = radius + edge
     wide = reach + _OFF
@@ -154,7 +172,11 @@ def _add_disc(x, y, radius, edge, sign, cover):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _normal_equations(image, dark, contrast, cover, x, y, radius, edge, m):  # type: ignore[no-untyped-def]
-    """Set m (9,): the sums xx, xy, xr, yy, yr, rr of the Jacobian and x, y, r of the residual."""
+    """Set m (9,) to the weighted sums of a least squares step in x, y and radius of one disc.
+
+    With the Jacobian's columns x, y and r these are xx, xy, xr, yy, yr and rr, then the products of
+    x, y and r with the residual.
+    """
     height, width = cover.shape
     reach = radius + edge
     wide = reach + _OFF
@@ -194,10 +216,19 @@ def _normal_equations(image, dark, contrast, cover, x, y, radius, edge, m):  # t
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_discs(image, dark, contrast, edge, usual, held, sweeps, disc, cover):  # type: ignore[no-untyped-def]
-    """Move disc (P, 3) x, y, radius, px to the least squares; cover (H, W) is of the result.
+    """Fit discs to a frame by least squares.
 
-    usual: (P,) radii at rest. held: (P,) px standard deviation with which a pin is held to where it
-    starts, inf for not at all: a pin that is not seen stays.
+    Args:
+        image: (H, W) uint8.
+        dark: (H, W) grey levels without light.
+        contrast: (H, W) grey levels of full light over dark ones.
+        edge: Half-width of a disc's edge, px.
+        usual: (P,) radii at rest, px.
+        held: (P,) standard deviation with which a pin is held to where it starts, px; inf for not
+            at all. So a pin that is not seen stays.
+        sweeps: Most sweeps over all pins.
+        disc: (P, 3) x, y and radius, px, where the fit starts; set to the result.
+        cover: (H, W), set to the sum of the discs.
     """
     pins = len(disc)
     cover[:] = 0.0

@@ -1,4 +1,4 @@
-"""Pins tracked from the rest frame: one position a pin and frame, seen or predicted."""
+"""Pins tracked from the rest frame: one position per pin and frame, seen or predicted."""
 
 from __future__ import annotations
 
@@ -21,38 +21,42 @@ Index = npt.NDArray[np.int64]
 
 REFINEMENTS = ("profile", "centroid")
 _SWEEPS = 12
+"""Most sweeps of the fit of discs to a frame."""
 MOST_PINS = 2_000
 """More bright spots are noise or texture, and discs fitted to them would take minutes: known
 sensors have up to 331 pins."""
 _NEIGHBOURS = 10
+"""Nearest pins that are neighbours of a pin."""
 _OPEN_DEG = 120.0
 """A pin with no neighbour in a sector this wide stands at the border."""
 HELD = 0.25
-"""Standard deviation, pitches, by which a pin that is not seen is held to its predicted place."""
+"""Standard deviation, pitches, with which a pin that is not seen is held to its predicted place."""
 STRAY = 0.5
 """A fitted pin that ends this many pitches from where it began has caught another's light."""
 THERE = 0.7
 """A predicted pin whose disc grows to this share of its radius at rest has found its light."""
 BLURRED = 2.0
-"""A frame that is left with more than the rest frame by this factor is tried with softer edges:
-simulated sharp ones of one to three contacts come to 1.5, and a blur of 0.5 px to 2.5."""
+"""A frame whose misfit exceeds that of the rest frame by this factor is fitted with softer edges,
+too: simulated sharp frames of one to three contacts come to 1.5, and a blur of 0.5 px to 2.5."""
 FITTED = 2.5
-"""Blur is believed where it leaves no more than this factor: 0.5 to 1 px comes to 1.0 to 1.5, and
-1.2 px, where pins run into each other, to 2.8."""
+"""Blur is accepted where the misfit is below this factor of the rest frame's: a blur of 0.5 to 1 px
+comes to 1.0 to 1.5, and of 1.2 px, where pins run into each other, to 2.8."""
 BLUR_STEP_PX, BLUR_STEPS = 0.25, 5
-"""Steps in which the blur is sought, and most of them: beyond, no blur is believed."""
+"""Steps in which the blur is sought, and number of the last step."""
 TRIALS = 2
-"""Sweeps of a step, which goes on from the one before: with none the radii hide half of a blur of
-1 px, and twelve, each step from the sharp ones' start, cost twice as much for the same pins."""
+"""Sweeps of a step, which starts from the result of the step before. Without sweeps the radii hide
+half of a blur of 1 px; twelve sweeps, each step from the start of the sharp discs, cost twice as
+much for the same pins."""
 
 
 def rest_layout(image: Images) -> Array:
-    """Return (P, 2) px, the pins of an undeformed frame (H, W) uint8, from the top row down.
+    """Return the pins of an undeformed frame (H, W) uint8, (P, 2) px, from the top row down.
 
     Pixel (row i, column j) has its centre at x = j, y = i.
 
     Raises:
-        UserError: for any other array and for a frame without pins.
+        UserError: The frame is no (H, W) uint8 array, shows fewer than three pins, or shows more
+            bright spots than any sensor has pins.
     """
     xy, area = _find_pins(image)
     profile = fit_profile(image, xy, area)
@@ -60,7 +64,12 @@ def rest_layout(image: Images) -> Array:
 
 
 def count_pins(image: Images) -> int:
-    """Return how many pins a frame (H, W) uint8 shows, without placing them. As ``rest_layout``."""
+    """Return how many pins an undeformed frame (H, W) uint8 shows, without placing them.
+
+    Raises:
+        UserError: The frame is no (H, W) uint8 array, shows fewer than three pins, or shows more
+            bright spots than any sensor has pins.
+    """
     return len(_find_pins(image)[0])
 
 
@@ -71,7 +80,7 @@ class Tracks:
     Attributes:
         xy: (N, P, 2) px, never NaN.
         seen: (N, P), False where a pin is predicted from its neighbours.
-        radius: (N, P) px, of the discs that were fitted; NaN where centroids were taken.
+        radius: (N, P) radii of the discs that were fitted, px; NaN where centroids were used.
     """
 
     xy: Array
@@ -88,7 +97,7 @@ class _Layout(NamedTuple):
     Attributes:
         rest: (P, 2) px.
         near: (P, K) the nearest pins.
-        back: (P, R) the pins among whose nearest a pin is, filled up with -1.
+        back: (P, R) the pins that have this pin among their nearest, filled up with -1.
         pitch: (P,) mean distance of the four nearest, px.
         border: (B,) pins at the border.
     """
@@ -101,18 +110,18 @@ class _Layout(NamedTuple):
 
 
 class Tracker:
-    """A tracker of the pins of one sensor in its frames, every frame on its own.
+    """A tracker of the pins of one sensor in its frames, each frame by itself.
 
     Bright blobs are matched to the layout by growth from certain pins (modules ``growth`` and
-    ``matching``). With refinement "profile" soft discs are then fitted to the grey levels, all pins
-    of a frame together (``profile_fit``), as they looked at rest; with "centroid" positions are
+    ``matching``). With refinement "profile" soft discs with the profile at rest are then fitted to
+    the grey levels, all pins of a frame together (``profile_fit``). With "centroid" positions are
     those of the blobs.
 
     Attributes:
-        rest: (P, 2) px, read-only.
+        rest: (P, 2) px, the pins at rest, read-only.
         refine: The refinement in use, "profile" or "centroid".
         shape: Height and width of the frames.
-        profile: The look of pins at rest; None where the refinement is "centroid".
+        profile: The profile of pins at rest; None where the refinement is "centroid".
     """
 
     def __init__(self, rest_image: Images, *, refine: str = "auto") -> None:
@@ -124,8 +133,8 @@ class Tracker:
                 its pins are soft discs.
 
         Raises:
-            UserError: for a frame without pins, of another kind, or without the discs that
-                "profile" asks for.
+            UserError: ``refine`` has no such value; the frame is no (H, W) uint8 array or shows no
+                pins; or ``refine`` is "profile" and the pins are no soft discs.
         """
         if refine not in ("auto", *REFINEMENTS):
             raise UserError(f"refine is {refine!r}; allowed: auto, {', '.join(REFINEMENTS)}.")
@@ -146,10 +155,10 @@ class Tracker:
         self._layout = _layout_of(self.rest)
 
     def track(self, images: npt.NDArray[Any]) -> Tracks:
-        """Return the pins of (N, H, W) uint8 frames, N from 0 on.
+        """Return the pins of (N, H, W) uint8 frames; N may be 0.
 
         Raises:
-            UserError: for other arrays.
+            UserError: The frames are no uint8 array of this shape, with the sensor's H and W.
         """
         if (
             not isinstance(images, np.ndarray)
@@ -171,15 +180,15 @@ class Tracker:
         return Tracks(xy, seen, radius)
 
     def refit(self, images: Images, xy: Array) -> Tracks:
-        """Return the pins of frames (N, H, W) in which their places are roughly known.
+        """Return the pins of frames in which their places are roughly known.
 
-        Discs are fitted from there, which tells pins apart that overlap; no blob is looked for. A
-        pin whose disc shrinks has no light there and is not seen. Where pins are centroids nothing
-        can be fitted: xy comes back, none is seen.
+        Discs are fitted from these places, which tells overlapping pins apart; no blob is sought. A
+        pin whose disc shrinks has no light there and is not seen. With refinement "centroid"
+        nothing can be fitted: xy is returned as it is, and no pin is seen.
 
         Args:
-            images: uint8.
-            xy: (N, P, 2) px, within about half a spacing.
+            images: (N, H, W) uint8.
+            xy: (N, P, 2) places, px, right to about half a spacing.
         """
         fitted = np.array(xy, dtype=np.float64, order="C")
         seen = np.full(fitted.shape[:2], self.profile is not None)
@@ -192,7 +201,7 @@ class Tracker:
     def _refine(
         self, images: Images, xy: Array, seen: npt.NDArray[np.bool_], radius: Array
     ) -> None:
-        """Improve xy and seen, and set the radius, where the discs are known."""
+        """Improve xy and seen, and set the radius, where the profile of the pins is known."""
         if self.profile is None:
             return
         usual = np.ascontiguousarray(self.profile.disc[:, 2])
@@ -201,7 +210,12 @@ class Tracker:
 
 
 def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
-    """Return (P, 2) centroids, px, and (P,) areas of the pins of a rest frame."""
+    """Return (P, 2) centroids, px, and (P,) areas, px, of the pins of a rest frame.
+
+    Raises:
+        UserError: The frame is no (H, W) uint8 array, shows fewer than three pins, or shows more
+            bright spots than any sensor has pins.
+    """
     if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype != np.uint8:
         kind = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
         raise UserError(
@@ -226,7 +240,7 @@ def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
 
 
 def _layout_of(rest: Array) -> _Layout:
-    """Find the neighbours in a layout (P, 2) of two pins or more."""
+    """Return the neighbours in a layout (P, 2) px of two pins or more."""
     from scipy.spatial import cKDTree
 
     count = min(_NEIGHBOURS, len(rest) - 1)
@@ -245,7 +259,7 @@ def _layout_of(rest: Array) -> _Layout:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _track_frames(images, layout, xy, seen):  # type: ignore[no-untyped-def]
-    """Set xy (N, P, 2) px and seen (N, P) of the frames (N, H, W), from blobs alone."""
+    """Set xy (N, P, 2) px and seen (N, P) from the blobs of the frames (N, H, W) alone."""
     pins = len(layout.rest)
     room = 8 * images.shape[1] + 20 * pins + 64
     run, out = np.empty((4, room), np.int32), np.empty((room, 3))
@@ -261,11 +275,21 @@ def _track_frames(images, layout, xy, seen):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: ignore[no-untyped-def]
-    """Improve xy and seen of ``_track_frames`` by a fit of every frame; set radius (N, P).
+    """Improve xy and seen of ``_track_frames`` by a fit of every frame, and set the radii.
 
-    look: dark level, contrast, edge and residual of the rest frame. Where discs with edges of the
-    rest frame do not fit, the frame is taken to be blurred by as much as fits best: a Gaussian of
-    deviation s widens the variance of an edge, edge^2 / 5, by s^2.
+    Where discs with the edges of the rest frame do not fit, the frame is taken to be blurred by as
+    much as fits best: a Gaussian of deviation s increases the variance of an edge, edge^2 / 5, by
+    s^2.
+
+    Args:
+        images: (N, H, W) uint8.
+        look: Dark level (H, W), contrast (H, W), edge, px, and residual of the rest frame.
+        usual: (P,) radii at rest, px.
+        pitch: (P,) mean distance of the four nearest pins, px.
+        sweeps: Most sweeps of a fit.
+        xy: (N, P, 2) px, where the fits start; is improved.
+        seen: (N, P), improved: a pin that was predicted may be found.
+        radius: (N, P), set to the radii, px.
     """
     dark, contrast, edge, residual = look
     disc, cover = np.empty((len(usual), 3)), np.empty(dark.shape)
@@ -307,7 +331,7 @@ def _set_discs(xy, usual, disc):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _misfit(image, dark, contrast, cover):  # type: ignore[no-untyped-def]
-    """Rms grey levels that discs which cover (H, W) leave of an image."""
+    """Return the rms difference between an image and discs that cover (H, W), grey levels."""
     total = 0.0
     for i in range(len(image)):
         for j in range(image.shape[1]):
