@@ -17,9 +17,15 @@ from tactibench.metrics.trials import PlateTrials, Trials
 def press_means(
     name: str, trials: Trials | PlateTrials, groups: Sequence[str] = ("all",)
 ) -> FloatArray:
-    """Return (P, groups) means of a metric's values, of every press of ``np.unique(trials.press)``.
+    """Return the means of a metric's values, (P, groups), NaN where a press has none in a group.
 
-    nan where a press has no value in a group. Raises UserError for a metric that is no mean.
+    Args:
+        name: Name of the metric.
+        trials: Test frames, of which ``np.unique(trials.press)`` are the P presses.
+        groups: Names of groups of trials.
+
+    Raises:
+        UserError: The metric is no mean over presses of trials of this kind.
     """
     sample = _sample(name, trials)
     unique, codes = np.unique(trials.press, return_inverse=True)

@@ -1,4 +1,4 @@
-"""The distance at which shares cross a level, without a curve: isotonic shares, interpolated.
+"""The distance at which shares cross a level, without a curve: isotonic shares are interpolated.
 
 Shares that may only rise with distance (isotonic regression, weighted by the trials) are
 
@@ -21,12 +21,17 @@ from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums
 from tactibench.stats.intervals import Estimate
 
 METHOD = "interpolated"
+"""``Estimate.method`` of these thresholds."""
 
 
 def isotonic_shares(hits: FloatArray, trials: FloatArray) -> FloatArray:
-    """Return (B, K) shares that rise with the distance, of (B, K) counts.
+    """Return (B, K) shares that never fall with the distance.
 
     A distance without trials takes a share that its neighbours allow.
+
+    Args:
+        hits: (B, K) resolved pairs at K rising distances.
+        trials: (B, K) pairs.
     """
     k = hits.shape[1]
     sums = [np.pad(np.cumsum(counts, axis=1), ((0, 0), (1, 0))) for counts in (hits, trials)]
@@ -44,9 +49,15 @@ def isotonic_shares(hits: FloatArray, trials: FloatArray) -> FloatArray:
 
 
 def crossing(distance: FloatArray, shares: FloatArray, level: float) -> FloatArray:
-    """Return (B,) distances at which (B, K) rising shares reach the level.
+    """Return the (B,) distances at which shares reach a level, mm.
 
-    The first distance where all are at the level, the last where none is.
+    This is the first distance where all shares are at the level or above, and the last distance
+    where none is.
+
+    Args:
+        distance: (K,) mm, rising.
+        shares: (B, K) shares that never fall with the distance.
+        level: The level that is reached.
     """
     reached = shares >= level
     after = np.where(reached.any(axis=1), reached.argmax(axis=1), len(distance) - 1)
@@ -69,26 +80,26 @@ def interpolated_threshold(
     rng: np.random.Generator,
     level: float = 0.95,
 ) -> Estimate:
-    """Crossing of the isotonic shares with a BCa bootstrap interval over presses.
+    """Return the crossing of the isotonic shares with a BCa bootstrap interval over presses.
 
-    Censored at the ends of the distances as a fit is; a limit at an end is None. No value with
-    fewer than two distances.
+    The crossing is censored at the ends of the distances as a fit is; a limit at an end is None.
+    With fewer than two distances there is no value.
 
     Args:
         distance: (N,) mm.
         hits: (N,) 0 or 1.
-        press: (N,) the clusters.
-        share: that is crossed.
-        rng: of the bootstrap.
-        level: of the interval.
+        press: (N,) press ids, the clusters.
+        share: The share that is crossed.
+        rng: Random numbers of the bootstrap.
+        level: Level of the interval.
     """
     distances, index = np.unique(distance, return_inverse=True)
     codes, clusters = cluster_codes(press, len(distance))
     k = len(distances)
     if k < 2:
         return Estimate(None, None, None, len(distance), clusters)
-    here = np.eye(k)[index]
-    yes, all_ = (cluster_sums(counts, codes, clusters) for counts in (here * hits[:, None], here))
+    pairs = np.eye(k)[index]
+    yes, all_ = (cluster_sums(counts, codes, clusters) for counts in (pairs * hits[:, None], pairs))
 
     def statistic(weights: FloatArray) -> FloatArray:
         return crossing(distances, isotonic_shares(weights @ yes, weights @ all_), share)

@@ -1,4 +1,4 @@
-"""Numbers of contacts: missed, spurious, and single presses taken for two."""
+"""Numbers of contacts: missed and spurious contacts, and single presses taken for two."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def catch_resolved(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def d_prime(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Sensitivity of "more than one" against "one" over all two-point and all catch trials."""
+    """Yield the sensitivity of "more than one" against "one", over two-point and catch trials."""
     catch = members(trials, CATCH)
     more = (trials.predicted_counts >= 2).astype(np.float64)
     yield (
@@ -60,9 +60,20 @@ def sensitivity(
 ) -> Estimate:
     """Return z(H) - z(F), both rates log-linear: (count + 0.5) / (trials + 1) (Hautus 1995).
 
-    Interval: var = sum over both of p (1 - p) / (n phi(z)^2) (Gourevitch and Galanter 1967), with
-    the corrected rates and the effective, clustered n; so it keeps a width where a rate is 0 or 1,
-    which is the usual case and where no bootstrap has any spread.
+    The interval follows from var = sum over both rates of p (1 - p) / (n phi(z)^2) (Gourevitch and
+    Galanter 1967), with the corrected rates and the effective, clustered n. So it keeps a width
+    where a rate is 0 or 1, which is the usual case and where no bootstrap has any spread.
+
+    Args:
+        hits: (n,) 1 for a two-point trial that was answered with more than one contact, else 0.
+        alarms: (m,) the same of catch trials.
+        hit_press: (n,) press ids, the clusters.
+        alarm_press: (m,) press ids, the clusters.
+        level: Level of the interval.
+
+    Returns:
+        The estimate. It has no value without trials of both sorts, and no interval where a sort has
+        fewer than two presses.
     """
     n = len(hits) + len(alarms)
     counts = [cluster_codes(press, len(press))[1] for press in (hit_press, alarm_press)]

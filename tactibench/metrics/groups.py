@@ -1,10 +1,10 @@
-"""Groups of trials, and rows made by one summary of every group.
+"""Groups of trials, and rows that are one summary of every group.
 
 A group named by a number is a *condition* (a true distance, mm): only metrics of separation are
-shown for each. The other groups (dual, triple) are *kinds*: metrics of contacts are shown for each.
-Both end with "all". Catch trials are in neither, nor in "all". Frames in which nothing presses
-under a fault ("untouched:dim") are kinds and not in "all": they ask for false contacts alone, which
-would count little in a mean with all others.
+shown for each condition. The other groups (dual, triple) are *kinds*: metrics of contacts are shown
+for each kind. Both lists end with "all". Catch trials are neither a condition nor a kind, and are
+not in "all". Frames in which nothing presses under a fault ("untouched:dim") are kinds, but not in
+"all": they test for false contacts alone, which would count little in a mean with all others.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Summary = Callable[..., Estimate]
 
 
 def condition(name: str) -> float | None:
-    """Return the number that a group is named by, None where it is no number."""
+    """Return the number that is the name of a group; None where the name is no finite number."""
     try:
         number = float(name)
     except ValueError:
@@ -37,9 +37,10 @@ def condition(name: str) -> float | None:
 
 
 def members(trials: Trials, name: str) -> Mask:
-    """Return (N,) whether each trial belongs to a group; "all" is everything that stands not apart.
+    """Return (N,) whether each trial belongs to a group.
 
-    Catch trials stand apart, and frames in which nothing presses under a fault.
+    The group "all" has all trials but catch trials and frames in which nothing presses under a
+    fault.
     """
     if name == "all":
         inside = [g != CATCH and family_of(g) != UNTOUCHED for g in trials.group]
@@ -49,19 +50,27 @@ def members(trials: Trials, name: str) -> Mask:
 
 
 def by_condition(trials: Trials) -> Groups:
-    """Return the distances in ascending order, then "all"."""
+    """Return the members of each distance in ascending order, then those of "all"."""
     names = {name: number for name in set(trials.group) if (number := condition(name)) is not None}
     return {name: members(trials, name) for name in (*sorted(names, key=names.__getitem__), "all")}
 
 
 def by_kind(trials: Trials) -> Groups:
-    """Return the kinds of indenter in alphabetical order, then "all"."""
+    """Return the members of each kind in alphabetical order, then those of "all"."""
     kinds = {g for g in trials.group if g not in {CATCH, "all"} and condition(g) is None}
     return {name: members(trials, name) for name in (*sorted(kinds), "all")}
 
 
 def rows(sample: Sample, groups: Groups, summary: Summary, press: Labels, level: float) -> Rows:
-    """Yield one estimate per group, from the values of its trials."""
+    """Yield one estimate per group, from the values of its trials.
+
+    Args:
+        sample: Values and the trial of each.
+        groups: Members of every group.
+        summary: Function that makes an estimate of values and their clusters.
+        press: (N,) press ids of the trials, the clusters.
+        level: Level of the intervals.
+    """
     for name, member in groups.items():
         inside = member[sample.trial]
         clusters = press[sample.trial[inside]]
@@ -78,7 +87,18 @@ def mean_metric(
     groups: Callable[[Trials], Groups],
     **others: Any,
 ) -> MetricSpec:
-    """Make the spec of a metric that is one summary of one sample, group by group."""
+    """Return the spec of a metric that is one summary of one sample, group by group.
+
+    Args:
+        name: Name of the metric.
+        unit: Unit of its values.
+        better: "lower", "higher" or "none".
+        formula: The formula in words and symbols, for the documentation.
+        sample: Function that returns the values of trials.
+        summary: Function that makes an estimate of values and their clusters.
+        groups: Function that returns the groups of trials, such as ``by_kind``.
+        **others: Other fields of ``MetricSpec``.
+    """
     return MetricSpec(
         name,
         unit,
@@ -95,7 +115,10 @@ def mean_metric(
 def plate_rows(
     sample: Callable[[PlateTrials], Sample], summary: Summary
 ) -> Callable[[PlateTrials, np.random.Generator], Rows]:
-    """Rows of a metric of plate poses: one for every group, in the order of the frames."""
+    """Return the function that yields the rows of a metric of plate poses.
+
+    There is one row for every group, in the order of the frames.
+    """
 
     def make(trials: PlateTrials, _rng: np.random.Generator) -> Rows:
         of = np.array(trials.group or ("all",) * len(trials), dtype=object)

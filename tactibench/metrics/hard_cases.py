@@ -1,4 +1,4 @@
-"""Errors on graded hard cases, where they double, and frames on which a model fails."""
+"""Errors on graded hard cases, where these errors double, and frames on which a model fails."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
 from tactibench.stats.intervals import Estimate, positive_mean_interval, rate_interval
 
 THOUSAND = 1000
-"""False contacts are counted on so many frames: on one frame they are too rare to be read."""
+"""Frames per which false contacts are counted: per frame the numbers would be too small to read."""
 
 
 def ospa(trials: Trials) -> Sample:
-    """Return one value per frame, mm, in 0..gate.
+    """Return the OSPA error of every frame, mm, in 0..gate.
 
         (sum over pairs of min(d, c) + c (max(n, m) - pairs)) / max(n, m)
 
     with n true and m predicted contacts, c the gate, d the distance in x, y and depth of contacts
-    that are paired in the plane; 0 where both are none. That is OSPA with p = 1 (Schuhmacher, Vo
-    and Vo 2008, equation 3) but for the assignment, which is the one of all other metrics.
+    that are paired in the plane; it is 0 where n and m are 0. That is OSPA with p = 1 (Schuhmacher,
+    Vo and Vo 2008, equation 3), except for the assignment, which is that of all other metrics.
 
-    Raises UserError where the gate is not finite.
+    Raises:
+        UserError: The gate is not finite.
     """
     if not np.isfinite(trials.gate):
         raise UserError(
@@ -47,7 +48,7 @@ def ospa(trials: Trials) -> Sample:
 
 
 def error_ratios(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Yield of every graded case ``ospa_mm`` over that of its family's easy case."""
+    """Yield the ratio of ``ospa_mm`` of every graded case to that of its family's easy case."""
     error = ospa(trials).values
     for axis in trials.axes:
         yield from zip(axis.groups, _ratios(trials, error, axis), strict=False)
@@ -55,14 +56,15 @@ def error_ratios(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 def worst_ratio(trials: Trials, rng: np.random.Generator) -> Rows:
     """Yield the largest ratio of all cases."""
-    known = [ratio for _, ratio in error_ratios(trials, rng) if ratio.value is not None]
-    yield "all", max(known, key=lambda ratio: ratio.value or 0.0, default=Estimate.nothing())
+    ratios = [ratio for _, ratio in error_ratios(trials, rng) if ratio.value is not None]
+    yield "all", max(ratios, key=lambda ratio: ratio.value or 0.0, default=Estimate.nothing())
 
 
 def doubles_at(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Yield of every family the value at which ``ospa_mm`` is twice that of the easy case.
+    """Yield for every family the value at which ``ospa_mm`` is twice that of the easy case.
 
-    No value where that is more than half the gate: an error of at most the gate cannot double.
+    There is no value where the error of the easy case is more than half the gate: no error exceeds
+    the gate, so it cannot double.
     """
     error = ospa(trials).values
     for axis in trials.axes:
@@ -77,7 +79,7 @@ def doubles_at(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]:
-    """In the order of the axis; nothing for a family without an easy case."""
+    """Yield the ratios of an axis in its order; nothing for a family without an easy case."""
     if not axis.reference:
         return
     easy = members(trials, axis.reference)
@@ -89,17 +91,17 @@ def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]
 
 
 def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Yield the predictions per 1,000 frames in which nothing presses.
+    """Yield the number of predictions per 1,000 frames in which nothing presses.
 
-    "all": without a fault. Where frames are under faults, too: those of each fault, and all of
-    these together, "untouched".
+    The group "all" has the frames without a fault. Where there are frames under faults, too, each
+    fault is a group, and "untouched" has all of them together.
     """
     empty = trials.true_counts == 0
     faulted = np.array([family_of(group) == UNTOUCHED for group in trials.group], dtype=bool)
     groups = dict.fromkeys(group for group in trials.group if family_of(group) == UNTOUCHED)
     masks = {group: members(trials, group) for group in groups}
-    whole = {UNTOUCHED: faulted} if masks else {}
-    for name, mask in {**masks, **whole, "all": empty & ~faulted}.items():
+    together = {UNTOUCHED: faulted} if masks else {}
+    for name, mask in {**masks, **together, "all": empty & ~faulted}.items():
         rate = rate_interval(trials.predicted_counts[mask], trials.press[mask], level=trials.level)
         limits = (rate.value, rate.low, rate.high)
         value, low, high = (None if x is None else THOUSAND * x for x in limits)
@@ -107,19 +109,23 @@ def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def _count(trials: Trials, kind: int) -> Rows:
-    """Yield the frames on which the model failed so, of every family and in all.
+    """Yield the number of frames on which the model failed in one way, by family and in all.
 
-    No value where a failure ends the run.
+    There is no value where a failure ends the run.
+
+    Args:
+        trials: Test frames.
+        kind: The way, NOT_FINITE or RAISED.
     """
     if trials.failed is None:
         yield "all", Estimate.nothing()
         return
-    so = trials.failed == kind
+    failed = trials.failed == kind
     family = np.array([family_of(group) for group in trials.group], dtype=object)
     masks: dict[str, Mask] = {axis.family: family == axis.family for axis in trials.axes}
     for name, inside in (*masks.items(), ("all", np.ones(len(trials), dtype=bool))):
         presses = len(np.unique(trials.press[inside]))
-        yield name, Estimate(float(so[inside].sum()), None, None, int(inside.sum()), presses)
+        yield name, Estimate(float(failed[inside].sum()), None, None, int(inside.sum()), presses)
 
 
 SPECS = (

@@ -1,7 +1,7 @@
 """Single presses: the top-scored prediction against the one true contact, axis by axis, ungated.
 
 A gate would hide the outliers that make RMSE differ from MAE. Frames without any prediction have no
-error; they are left out here (n tells) and counted by `missed`.
+error; they are left out of these metrics (n is smaller) and counted by `missed`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,15 @@ AXES = ("x", "y", "z")
 
 
 def top_answers(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
-    """True and predicted x, y, depth (n, 3) of the answered frames, and (n,) their trials."""
+    """Return the top answers to single presses.
+
+    Returns:
+        (n, 3) true and (n, 3) predicted x, y and depth of the answered frames, mm, and (n,) their
+        trials.
+
+    Raises:
+        UserError: A trial of the group "all" has another number of true contacts than one.
+    """
     for index in np.flatnonzero(members(trials, "all") & (trials.true_counts != 1)):
         raise UserError(
             f"the metrics of single presses (mae_mm, rmse_mm, r2 ...) need one true contact a "
@@ -55,7 +63,10 @@ def mae(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def rmse(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """RMSE of each axis, and their mean, whose interval follows by linearising the roots."""
+    """Yield the RMSE of each axis and their mean.
+
+    The interval of the mean follows by linearising the roots.
+    """
     true, predicted, trial = top_answers(trials)
     squares = (predicted - true) ** 2
     press = trials.press[trial]
@@ -76,7 +87,10 @@ def _mean_of_roots(squares: FloatArray, press: Labels, level: float) -> Estimate
 
 
 def r2(trials: Trials, rng: np.random.Generator) -> Rows:
-    """R^2 of each axis and their mean, BCa intervals over presses; n/a for a constant target."""
+    """Yield R^2 of each axis and their mean, with BCa intervals over presses.
+
+    There is no value for a constant target.
+    """
     true, predicted, trial = top_answers(trials)
     codes, clusters = cluster_codes(trials.press[trial], len(trial))
     columns = [(axis, [i]) for i, axis in enumerate(AXES)] + [("mean", [0, 1, 2])]
@@ -92,12 +106,13 @@ def r2(trials: Trials, rng: np.random.Generator) -> Rows:
 
 
 def rmse_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Sqrt(sum e^2 / sum b^2) of each axis, b the Cramer-Rao standard deviation; 1 is the limit.
+    """Yield sqrt(sum e^2 / sum b^2) of each axis, b the Cramer-Rao standard deviation.
 
-    Single presses: of the top-scored prediction, without a gate. Presses with several contacts: of
-    all contacts that are matched inside the gate, so that a model that misses looks better than it
-    is. Contacts without a bound (b is infinite, the contact is not in the frame) are left out of
-    both sums: one of them would hide all others.
+    The limit is 1. For single presses e is the error of the top-scored prediction, without a gate.
+    For presses with several contacts the sums are over all contacts that are matched inside the
+    gate, so a model that misses contacts looks better than it is. Contacts without a bound (b is
+    infinite, the contact is not in the frame) are left out of both sums: one of them would hide all
+    others.
     """
     single = (trials.true_counts[members(trials, "all")] == 1).all()
     if trials.bound is None:
@@ -122,7 +137,12 @@ def rmse_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
 def _matched_errors(
     trials: Trials, bounds: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Errors and bounds of x, y, depth (n, 3) of contacts inside the gate, and their trials."""
+    """Return the (n, 3) errors and bounds of x, y, depth of pairs inside the gate, and (n,) trials.
+
+    Args:
+        trials: Test frames.
+        bounds: (K, 3) Cramer-Rao standard deviations of x, y and depth of every trial, mm.
+    """
     pairs = trials.matched
     error = np.column_stack(
         [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
@@ -140,13 +160,13 @@ def _columns(errors: FloatArray) -> Iterator[tuple[str, FloatArray]]:
 
 
 def axis_mean_errors(trials: Trials) -> Sample:
-    """Return the absolute error averaged over the axes, one value per answered frame."""
+    """Return the absolute error averaged over the axes, mm, one value per answered frame."""
     true, predicted, trial = top_answers(trials)
     return Sample(np.abs(predicted - true).mean(axis=1), trial)
 
 
 def axis_mean_squares(trials: Trials) -> Sample:
-    """Return the squared error averaged over the axes, one value per answered frame."""
+    """Return the squared error averaged over the axes, mm^2, one value per answered frame."""
     true, predicted, trial = top_answers(trials)
     return Sample(((predicted - true) ** 2).mean(axis=1), trial)
 

@@ -2,10 +2,10 @@
 
 The assignment minimises the sum over true-predicted pairs of min(distance, gate)^p with p = 1, in
 two dimensions, and pairs at or beyond the gate are then dissolved. That is the assignment inside
-GOSPA with alpha = 2 (Rahmathullah, Garcia-Fernandez and Svensson 2017): pairing two contacts
-costs their distance, leaving both alone costs the gate. It does not seek the largest number of
-pairs: one pair at 0.1 mm is preferred to two at 2.9 mm, where the gate is 3 mm.
-With an infinite gate it is the plain minimum-cost assignment.
+GOSPA with alpha = 2 (Rahmathullah, Garcia-Fernandez and Svensson 2017): two contacts that are
+paired cost their distance, and two that are left alone cost the gate. It does not seek the largest
+number of pairs: one pair at 0.1 mm is preferred to two at 2.9 mm, where the gate is 3 mm. With an
+infinite gate it is the plain minimum-cost assignment.
 """
 
 from __future__ import annotations
@@ -26,8 +26,15 @@ from tactibench.stats.clusters import FloatArray, IntArray
 class Pairs:
     """Matched contacts of all trials, ordered by trial and then by true contact.
 
-    trial, truth, prediction: (P,) index of the trial, and of the contact inside it.
-    true_xy, predicted_xy: (P, 2) mm. true_depth, predicted_depth: (P,) mm. distance: (P,) mm.
+    Attributes:
+        trial: (P,) index of the trial.
+        truth: (P,) index of the true contact inside the trial.
+        prediction: (P,) index of the predicted contact inside the trial.
+        true_xy: (P, 2) mm.
+        predicted_xy: (P, 2) mm.
+        true_depth: (P,) mm.
+        predicted_depth: (P,) mm.
+        distance: (P,) distance of the two contacts in the plane, mm.
     """
 
     trial: IntArray
@@ -47,7 +54,18 @@ class Pairs:
 def match(
     truth: FloatArray, predicted: FloatArray, gate: float, power: int = 1
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Match (K, 2) true to (M, 2) predicted points: indices of the pairs, and their distances."""
+    """Match true to predicted points.
+
+    Args:
+        truth: (K, 2) mm.
+        predicted: (M, 2) mm.
+        gate: Distance from which on two points are no pair, mm; inf for none.
+        power: Exponent of the cost of a pair.
+
+    Returns:
+        (P,) indices of the true points that are paired, (P,) indices of their partners, and (P,)
+        distances, mm.
+    """
     if not len(truth) or not len(predicted):
         none = np.empty(0, dtype=np.intp)
         return none, none, np.empty(0)
@@ -66,7 +84,7 @@ def match(
 
 
 def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gate: float) -> Pairs:
-    """Match every trial; all pairs in one table."""
+    """Return the pairs of all trials in one table, matched with a gate in mm."""
     matches = [match(t.xy, p.xy, gate) for t, p in zip(truth, predictions, strict=True)]
     rows = _join([f[0] for f in matches]).astype(np.intp)
     columns = _join([f[1] for f in matches]).astype(np.intp)
@@ -87,7 +105,7 @@ def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gat
 
 
 def runs(trial: IntArray) -> Iterator[tuple[int, slice]]:
-    """Yield each trial that occurs in a sorted index, with the slice of its rows."""
+    """Yield each trial that occurs in a sorted index of trials, with the slice of its rows."""
     unique, starts, sizes = np.unique(trial, return_index=True, return_counts=True)
     for number, start, size in zip(unique, starts, sizes, strict=True):
         yield int(number), slice(int(start), int(start + size))

@@ -1,8 +1,8 @@
 """Depth, tilt and coverage of plate poses, and both against published predictions.
 
-Errors are over answered frames; coverage stands beside. The comparison with the predictions that
-somebody published of the same frames is frame for frame: a row for every published table that has
-some, named by the table.
+Errors are means over answered frames; coverage is the share of these frames. Published predictions
+of the same frames are compared frame by frame. There is one row for every published table that has
+some of these frames, named after the table.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from tactibench.stats.paired import sign_flip_p
 
 
 def tilt_errors(trials: PlateTrials) -> Sample:
-    """|p - t| of the tilt of every answered frame, deg."""
+    """Return |p - t| of the tilt of every answered frame, deg."""
     return plate_errors(trials, "tilt")
 
 
 def answered(trials: PlateTrials) -> Sample:
-    """1 for an answered frame, 0 for another."""
+    """Return 1 for every answered frame, 0 for the others."""
     values = np.array([p is not None for p in trials.predictions], dtype=np.float64)
     return Sample(values, np.arange(len(values)))
 
@@ -41,7 +41,13 @@ Errors = Callable[[PlateTrials], Sample]
 
 
 def differences(trials: PlateTrials, table: str, errors: Errors) -> Sample:
-    """Return |p - t| - |q - t| of every frame that both answered, q the published one."""
+    """Return |p - t| - |q - t| of every frame with both answers, q the published prediction.
+
+    Args:
+        trials: Test frames.
+        table: Name of the published table.
+        errors: Function that returns |p - t| of every answered frame.
+    """
     ours = errors(trials)
     theirs = errors(replace(trials, predictions=trials.published[table]))
     _, i, j = np.intersect1d(ours.trial, theirs.trial, return_indices=True)
@@ -71,7 +77,7 @@ def _p(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
 
 
 def _by_press(sample: Sample, trials: PlateTrials) -> FloatArray:
-    """(G,) sums over presses: the signs of a press's frames flip together."""
+    """Return the (G,) sums over presses: the signs of a press's frames flip together."""
     _, codes = np.unique(trials.press[sample.trial], return_inverse=True)
     return np.bincount(codes, sample.values).astype(np.float64)
 
@@ -128,6 +134,6 @@ PUBLISHED_SPECS = (
     ),
 )
 PUBLISHED_NAMES = tuple(spec.name for spec in PUBLISHED_SPECS)
-"""Metrics that are computed wherever there are such predictions."""
+"""Metrics that are computed wherever there are published predictions."""
 
 SPECS = (*PLATE_SPECS, *PUBLISHED_SPECS)

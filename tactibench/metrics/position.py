@@ -12,28 +12,28 @@ from tactibench.stats.intervals import positive_mean_interval
 
 
 def gated_distances(trials: Trials) -> Sample:
-    """Distance of every pair inside the gate."""
+    """Return the distance of every pair inside the gate, mm."""
     return Sample(trials.matched.distance, trials.matched.trial)
 
 
 def ungated_distances(trials: Trials) -> Sample:
-    """Distance of every pair of the assignment without a gate."""
+    """Return the distance of every pair of the assignment without a gate, mm."""
     return Sample(trials.ungated.distance, trials.ungated.trial)
 
 
 def depth_errors(trials: Trials) -> Sample:
-    """|p - t| of every pair inside the gate."""
+    """Return |p - t| of the depth of every pair inside the gate, mm."""
     pairs = trials.matched
     return Sample(np.abs(pairs.predicted_depth - pairs.true_depth), pairs.trial)
 
 
 def plate_depth_errors(trials: PlateTrials) -> Sample:
-    """|p - t| of the depth of every answered frame, mm."""
+    """Return |p - t| of the depth of every answered frame, mm."""
     return plate_errors(trials, "depth")
 
 
 def plate_errors(trials: PlateTrials, field: str) -> Sample:
-    """|p - t| of a field of the pose of every answered frame."""
+    """Return |p - t| of a field of the pose, such as "tilt", of every answered frame."""
     trial = np.flatnonzero([pose is not None for pose in trials.predictions])
     true = np.array([getattr(trials.truth[i], field) for i in trial], dtype=np.float64)
     predicted = np.array([getattr(trials.predictions[i], field) for i in trial], dtype=np.float64)
@@ -41,7 +41,7 @@ def plate_errors(trials: PlateTrials, field: str) -> Sample:
 
 
 def relative_depth_errors(trials: Trials) -> Sample:
-    """|(p_i - p_j) - (t_i - t_j)| of every two matched contacts of one frame."""
+    """Return |(p_i - p_j) - (t_i - t_j)| of depth of every two matched contacts of a frame, mm."""
     pairs = trials.matched
     error = pairs.predicted_depth - pairs.true_depth
     values, trial = [np.empty(0)], [np.empty(0, dtype=np.intp)]

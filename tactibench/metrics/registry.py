@@ -61,7 +61,7 @@ _FAMILIES = {
         "raised",
     ),
 }
-"""Module -> names of its SPECS: a protocol asks for a few metrics and loads the code of those."""
+"""Module -> names of its SPECS: a protocol asks for a few metrics and loads only their code."""
 FAMILIES: Mapping[str, str] = MappingProxyType(
     {name: family for family, names in _FAMILIES.items() for name in names}
 )
@@ -69,7 +69,11 @@ FAMILIES: Mapping[str, str] = MappingProxyType(
 
 
 def find_metric(name: str) -> MetricSpec:
-    """Return the metric of that name. Raises UserError with the close match."""
+    """Return the metric of a name.
+
+    Raises:
+        UserError: There is no such metric. The message names a close match.
+    """
     if name not in FAMILIES:
         raise UserError(f"there is no metric {name!r}; {did_you_mean(name, FAMILIES)}")
     specs = import_module(f"tactibench.metrics.{FAMILIES[name]}").SPECS
@@ -78,15 +82,18 @@ def find_metric(name: str) -> MetricSpec:
 
 
 def all_metrics() -> dict[str, MetricSpec]:
-    """Return every metric by its name. Imports the code of all of them."""
+    """Import the code of all metrics and return every metric by its name."""
     return {name: find_metric(name) for name in FAMILIES}
 
 
 def check_metrics(protocol: LoadedProtocol) -> None:
     """Refuse metrics that do not exist or do not fit the answers, before any work is done.
 
-    Apart from ``read_protocol``, which imports nothing that the metrics compute with.
-    Raises UserError with the close match.
+    This is no part of ``read_protocol``, which imports nothing that the metrics compute with.
+
+    Raises:
+        UserError: A metric of the protocol does not exist, or is no metric of its kind of answers.
+            The message names a close match.
     """
     spec = protocol.spec
     kind = "plates" if spec.answer == "plate" else "contacts"

@@ -1,4 +1,4 @@
-"""Names of metrics and trials in, rows of the record out."""
+"""Metrics of test frames, computed by name, as rows of the record."""
 
 from __future__ import annotations
 
@@ -22,21 +22,27 @@ def score(
     """Compute metrics in the order of their names, each with its groups in the table's order.
 
     Every metric gets its own random numbers from one draw of ``rng`` and its name, so an interval
-    does not depend on which other metrics were asked for.
+    does not depend on which other metrics were requested.
 
-    Raises UserError for an unknown metric, or one that does not apply to these answers.
+    Args:
+        names: Names of the metrics.
+        trials: Test frames.
+        rng: Random numbers of the bootstraps and permutations.
+
+    Raises:
+        UserError: A metric is unknown or does not apply to answers of this kind.
     """
     specs = [find_metric(name) for name in names]
     seed = int(rng.integers(2**63))
     rows = []
     for spec in specs:
-        own = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
-        rows += [_metric(spec, group, estimate) for group, estimate in _rows(spec, trials, own)]
+        random = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
+        rows += [_metric(spec, group, estimate) for group, estimate in _rows(spec, trials, random)]
     return rows
 
 
 def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
-    """Name the estimate by metric and group; ``censored`` and ``method`` only where they apply."""
+    """Return a row of the record; it has ``censored`` and ``method`` only where they apply."""
     values = {
         "metric": spec.name,
         "group": group,

@@ -1,4 +1,4 @@
-"""Two-point trials: is the pair resolved, how far apart is it, how is it turned.
+"""Two-point trials: whether the pair is resolved, its distance and its orientation.
 
 *Resolved* means exactly two predictions, both matched inside the gate.
 """
@@ -16,11 +16,15 @@ from tactibench.stats.clusters import IntArray
 from tactibench.stats.intervals import positive_mean_interval, share_interval
 
 UNDEFINED_AXIS_DEG = 45.0
-"""Error of a pair whose two predictions coincide: what a random axis would score on average."""
+"""Error of a pair whose two predictions coincide: the mean error of a random axis."""
 
 
 def two_point_trials(trials: Trials) -> IntArray:
-    """Index of all but catch trials. Raises UserError for one without two true contacts."""
+    """Return the indices of all trials but catch trials.
+
+    Raises:
+        UserError: A trial that is no catch trial has another number of true contacts than two.
+    """
     index = np.flatnonzero(members(trials, "all"))
     for i in index[trials.true_counts[index] != 2]:
         raise UserError(
@@ -32,20 +36,25 @@ def two_point_trials(trials: Trials) -> IntArray:
 
 
 def is_resolved(trials: Trials) -> Mask:
-    """(N,) exactly two predictions, both matched inside the gate."""
+    """Return (N,) whether a trial has exactly two predictions, both matched inside the gate."""
     matched = trials.matched.per_trial(len(trials))
     counted = (trials.predicted_counts == 2) & (trials.true_counts == 2)
     return np.asarray(counted & (matched == 2))
 
 
 def resolved(trials: Trials) -> Sample:
-    """1 for every resolved two-point trial, 0 for another."""
+    """Return 1 for every resolved two-point trial, 0 for the others."""
     index = two_point_trials(trials)
     return Sample(is_resolved(trials)[index].astype(np.float64), index)
 
 
 def pair_vectors(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
-    """(n, 2) vector between the true tips and between their partners, of resolved trials."""
+    """Return the vectors between the two contacts of resolved trials.
+
+    Returns:
+        (n, 2) vectors between the true tips, (n, 2) vectors between their partners, mm, and (n,)
+        their trials.
+    """
     index = two_point_trials(trials)
     index = index[is_resolved(trials)[index]]
     pairs = trials.matched
@@ -55,13 +64,13 @@ def pair_vectors(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
 
 
 def distance_errors(trials: Trials) -> Sample:
-    """|predicted - true distance of the pair| of every resolved trial, mm."""
+    """Return |predicted - true distance of the pair| of every resolved trial, mm."""
     true, predicted, index = pair_vectors(trials)
     return Sample(np.abs(_length(predicted) - _length(true)), index)
 
 
 def penalised_distance_errors(trials: Trials) -> Sample:
-    """As `distance_errors`; a trial that is not resolved counts its true distance."""
+    """Return the errors of `distance_errors`, and the true distance of trials not resolved, mm."""
     index = two_point_trials(trials)
     tips = np.array([trials.truth[i].xy for i in index]).reshape(-1, 2, 2)
     values = np.zeros(len(trials))
@@ -72,7 +81,7 @@ def penalised_distance_errors(trials: Trials) -> Sample:
 
 
 def orientation_errors(trials: Trials) -> Sample:
-    """Angle between the true and the predicted axis of every resolved trial, 0..90 deg."""
+    """Return the angle between the true and predicted axis of resolved trials, 0..90 deg."""
     true, predicted, index = pair_vectors(trials)
     cross = true[:, 0] * predicted[:, 1] - true[:, 1] * predicted[:, 0]
     dot = (true * predicted).sum(axis=1)

@@ -18,7 +18,15 @@ Rows = Iterable[tuple[str, Estimate]]
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The values a metric averages. values: (n,). trial: (n,) the frame each belongs to."""
+    """The values that a metric averages.
+
+    Attributes:
+        values: (n,).
+        trial: (n,) index of the frame that each value belongs to.
+
+    Raises:
+        ValueError: ``values`` and ``trial`` differ in shape.
+    """
 
     values: FloatArray
     trial: IntArray
@@ -32,10 +40,17 @@ class Sample:
 class MetricSpec:
     """One metric.
 
-    better: "lower", "higher" or "none". formula: in words and symbols, for the documentation.
-    contacts, plates: its rows from trials of either kind; None: it does not apply.
-    sample, plate_sample: values whose mean (or root mean square) it is, for paired comparison;
-    None: it is no mean and cannot be compared press by press. root: it is the root of that mean.
+    Attributes:
+        name: Name of the metric.
+        unit: Unit of its values.
+        better: "lower", "higher" or "none".
+        formula: The formula in words and symbols, for the documentation.
+        contacts: Its rows from trials with contacts; None where it does not apply.
+        plates: Its rows from trials with plate poses; None where it does not apply.
+        sample: Values of trials with contacts whose mean (or root mean square) it is, for paired
+            comparison; None where it is no mean and cannot be compared press by press.
+        plate_sample: The same of trials with plate poses.
+        root: Whether it is the root of that mean.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""The heatmap scored as what it is said to be: the deformed surface.
+"""The heatmap, scored as what it claims to be: the deformed surface.
 
-An encoder draws every contact in one fixed shape, so that the true contacts, drawn by it, are off
-as well. That floor belongs to the encoder; what a model adds is the excess over it.
+An encoder draws every contact in one fixed shape, so that even its map of the true contacts differs
+from the surface. This floor belongs to the encoder; what a model adds is the excess over it.
 """
 
 from __future__ import annotations
@@ -47,25 +47,25 @@ def surface_floor(
     grid: Grid,
     max_depth: float,
 ) -> FloatArray:
-    """Return (N,) mm^2: ``surface_mean_squares`` of the true contacts, drawn by an encoder.
+    """Return the (N,) ``surface_mean_squares`` of the true contacts, drawn by an encoder, mm^2.
 
     Args:
-        encoder: Of which the first map stands for the surface.
-        truth: Contacts of N frames.
-        surfaces: (N, H, W) mm.
-        grid: Of both.
+        encoder: Encoder whose first map stands for the surface.
+        truth: True contacts of N frames.
+        surfaces: (N, H, W) true inward displacement of the skin, mm.
+        grid: Grid of the maps and of the surfaces.
         max_depth: Depth of heat 1, mm.
     """
     values: list[float] = []
     for start in range(0, len(truth), BATCH):
         maps = encoder.encode_batch(truth[start : start + BATCH], grid)[:, 0]
-        own = surfaces[start : start + BATCH]
-        values += [_mean_square(m, s, max_depth) for m, s in zip(maps, own, strict=True)]
+        batch = surfaces[start : start + BATCH]
+        values += [_mean_square(m, s, max_depth) for m, s in zip(maps, batch, strict=True)]
     return np.array(values, dtype=np.float64)
 
 
 def floor_mean_squares(trials: Trials) -> Sample:
-    """Return ``surface_floor`` of every frame that has one."""
+    """Return the ``surface_floor`` of every frame, mm^2; no values where there is none."""
     if trials.floor is None:
         return Sample(np.empty(0), np.empty(0, dtype=np.intp))
     return Sample(trials.floor, np.arange(len(trials)))

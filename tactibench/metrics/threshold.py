@@ -5,11 +5,11 @@ whatever their distance:
 
     P(resolved | d) = (1 - g) / (1 + exp(-(log(0.75 / (0.25 - g)) + b (d - m))))
 
-so that P(m) = 0.75 of all pairs for every g, and m is one thing in all fits. It is fitted by
-maximum likelihood over the distances tested, with 0 <= g <= g_max. Protocols of which
-``test.psychometric`` is "logistic" (the default, and all first versions) have g_max = 0; "lapse" is
-g_max = 0.1, with the goodness of the fit beside it and the interpolated crossing in its place where
-it does not fit (``tactibench.metrics.goodness``, ``tactibench.metrics.crossing``).
+so that P(m) = 0.75 of all pairs for every g, and m means the same in all fits. The curve is fitted
+by maximum likelihood over the distances tested, with 0 <= g <= g_max. Protocols whose
+``test.psychometric`` is "logistic" (the default, and all first versions) have g_max = 0. With
+"lapse" g_max is 0.1, the goodness of the fit is reported (``tactibench.metrics.goodness``), and the
+interpolated crossing replaces a curve that does not fit (``tactibench.metrics.crossing``).
 
 The interval is that of the profile likelihood, {m : 2 (L_max - L(m)) <= t^2 phi}, which needs no
 standard error and therefore survives a perfect step, where the slope is infinite. t is Student's
@@ -43,19 +43,19 @@ from tactibench.stats.intervals import Estimate, t_quantile
 SHARE = 0.75
 """Share of pairs resolved at the threshold, the usual choice of psychophysics."""
 STEEPEST = 50.0
-"""Largest slope, 1/mm: from 5 % to 95 % in 0.12 mm, a step to any eye."""
+"""Largest slope, 1/mm: from 5 % to 95 % in 0.12 mm, which looks like a step."""
 GRID = 221
 """Thresholds tried before the best is refined: every 0.025 mm over 6.5..12 mm."""
 MOST_LAPSES = 0.1
 """Largest lapse rate of a fit. A model that loses more than a tenth of the widest pairs does not
-lapse, it fails; and a larger bound lets the rate stand in for a slow rise (Wichmann and Hill 2001
+lapse, it fails; and with a larger bound the rate could imitate a slow rise (Wichmann and Hill 2001
 bound it by 0.06 for people)."""
 MISFIT = 0.01
-"""Smallest p at which the fit stands. At 0.05 every twentieth model that the curve describes would
-lose its fit; a table has ten rows. With 100 pairs a distance a curve that is off by a tenth of the
-pairs at two distances lies far below."""
+"""Smallest p at which the fit is used. At 0.05 every twentieth model that the curve describes would
+lose its fit; a table has ten rows. With 100 pairs per distance, the p of a curve that is off by a
+tenth of the pairs at two distances lies far below."""
 LAPSES = 11
-"""Lapse rates tried at once; each of the rounds after the first looks between two neighbours."""
+"""Lapse rates tried at once; each round after the first searches between two neighbours."""
 LAPSE_ROUNDS = 8
 """Rounds of that search: the last step is 3e-8, so that the threshold is the same within 1e-6 mm
 whatever the last bit of a likelihood."""
@@ -65,7 +65,11 @@ whatever the last bit of a likelihood."""
 class Profile:
     """Likelihood of a threshold at its best slope and lapse rate.
 
-    distance, hits, trials: (K,) per distance. most_lapses: g_max.
+    Attributes:
+        distance: (K,) mm, rising.
+        hits: (K,) resolved pairs at each distance.
+        trials: (K,) pairs at each distance.
+        most_lapses: g_max, the largest lapse rate.
     """
 
     distance: FloatArray
@@ -76,13 +80,24 @@ class Profile:
     def logit(
         self, threshold: FloatArray, slope: FloatArray, lapse: FloatArray | float = 0.0
     ) -> FloatArray:
-        """Return (M, K) log odds of a resolved trial among those that do not lapse."""
+        """Return (M, K) log odds of a resolved trial among those that do not lapse.
+
+        Args:
+            threshold: (M,) mm.
+            slope: (M,) 1/mm.
+            lapse: (M,) lapse rates, or one for all.
+        """
         offset = self.distance[None, :] - threshold[:, None]
         middle = np.log(SHARE / (1 - SHARE - np.asarray(lapse, dtype=np.float64)))
         return np.asarray(np.atleast_1d(middle)[:, None] + slope[:, None] * offset)
 
     def slope(self, threshold: FloatArray, lapse: FloatArray | float = 0.0) -> FloatArray:
-        """The (M,) most likely slope for each threshold, by bisection of the likelihood."""
+        """Return the (M,) most likely slope of each threshold, 1/mm, found by bisection.
+
+        Args:
+            threshold: (M,) mm.
+            lapse: (M,) lapse rates, or one for all.
+        """
         low, high = np.zeros(len(threshold)), np.full(len(threshold), STEEPEST)
         offset = self.distance[None, :] - threshold[:, None]
         rate = np.atleast_1d(np.asarray(lapse, dtype=np.float64))[:, None]
@@ -91,7 +106,7 @@ class Profile:
             eta = self.logit(threshold, middle, lapse)
             missing = expit(-eta)
             residual = self.hits - self.trials * (1 - rate) * expit(eta)
-            # dP / (P (1 - P)) by eta; 1 without lapses
+            # dP/d(eta) / (P (1 - P)), which is 1 without lapses
             residual *= missing / (rate + (1 - rate) * missing)
             rising = (residual * offset).sum(axis=1) > 0
             low, high = np.where(rising, middle, low), np.where(rising, high, middle)
@@ -108,7 +123,7 @@ class Profile:
         return np.asarray(terms.sum(axis=1), dtype=np.float64)
 
     def lapse(self, threshold: FloatArray) -> FloatArray:
-        """The (M,) most likely lapse rate for each threshold."""
+        """Return the (M,) most likely lapse rate of each threshold."""
         best = np.full(len(threshold), self.most_lapses / 2)
         if not self.most_lapses:
             return best
@@ -139,7 +154,10 @@ class Profile:
 class ThresholdFit(NamedTuple):
     """A threshold with its interval, the lapse rate of the fit, and how well the curve fits.
 
-    lapse, goodness: None where nothing could be fitted.
+    Attributes:
+        estimate: The threshold, mm.
+        lapse: Lapse rate of the fit; None where nothing could be fitted.
+        goodness: Goodness of the fit; None where nothing could be fitted.
     """
 
     estimate: Estimate
@@ -155,11 +173,18 @@ def fit_threshold(
     level: float = 0.95,
     most_lapses: float = 0.0,
 ) -> Estimate:
-    """Threshold from (N,) distances and 0/1 answers.
+    """Return the threshold of a fitted curve, with the interval of the profile likelihood.
 
-    Censored "<" at the shortest distance when the fit lies nowhere below 75 %, ">" at the longest
-    when it stays below everywhere; a limit beyond the tested distances is None. No value with
-    fewer than two distances. most_lapses: g_max.
+    The threshold is censored "<" at the shortest distance when the fit lies nowhere below 75 %, and
+    ">" at the longest when it stays below everywhere. A limit beyond the tested distances is None.
+    With fewer than two distances there is no value.
+
+    Args:
+        distance: (N,) mm.
+        hits: (N,) 0 or 1.
+        press: (N,) press ids, the clusters.
+        level: Level of the interval.
+        most_lapses: g_max, the largest lapse rate.
     """
     distances, index = np.unique(distance, return_inverse=True)
     codes, clusters = cluster_codes(press, len(distance))
@@ -187,18 +212,18 @@ def checked_threshold(
     level: float = 0.95,
     most_lapses: float = MOST_LAPSES,
 ) -> ThresholdFit:
-    """Threshold as ``fit_threshold`` gives it, with its goodness of fit.
+    """Return the threshold of ``fit_threshold`` with its goodness of fit.
 
-    Where p is below MISFIT, the threshold is the crossing of the isotonic shares, interpolated,
-    with a bootstrap interval over presses, and its ``method`` says so.
+    Where p is below MISFIT, the threshold is the interpolated crossing of the isotonic shares, with
+    a bootstrap interval over presses, and its ``method`` is "interpolated".
 
     Args:
         distance: (N,) mm.
         hits: (N,) 0 or 1.
-        press: (N,) the clusters.
-        rng: of the bootstrap over presses; the p has random numbers of its own.
-        level: of the interval.
-        most_lapses: g_max.
+        press: (N,) press ids, the clusters.
+        rng: Random numbers of the bootstrap over presses; p has random numbers of its own.
+        level: Level of the interval.
+        most_lapses: g_max, the largest lapse rate.
     """
     estimate = fit_threshold(distance, hits, press, level=level, most_lapses=most_lapses)
     if estimate.value is None:
@@ -209,7 +234,7 @@ def checked_threshold(
     eta = profile.logit(np.array([estimate.value]), np.array([slope]), lapse)[0]
     curve = (float(eta[0]), float(eta[-1]), lapse)
     codes, clusters = cluster_codes(press, len(distance))
-    # About the shares as they are: residuals of a curve that does not fit agree within a press.
+    # From the measured shares: residuals of a curve that does not fit agree within a press.
     spread = _inflation(hits - (profile.hits / profile.trials)[index], codes, clusters)
     goodness = goodness_of_fit(
         distances, profile.hits, profile.trials, curve, most_lapses=most_lapses, spread=spread
@@ -228,7 +253,10 @@ def _profile(
 
 
 def _most_likely(profile: Profile, mostly_resolved: bool) -> tuple[float, str | None]:
-    """Threshold of largest likelihood; the profile has one peak, so an end means censoring."""
+    """Return the most likely threshold, mm, and "<" or ">" where it is censored, else None.
+
+    The profile has one peak, so a threshold at an end of the distances is censored.
+    """
     grid = np.linspace(profile.distance[0], profile.distance[-1], GRID)
     likelihood = profile.log_likelihood(grid)
     peak = int(likelihood.argmax())
@@ -254,7 +282,10 @@ def _inflation(residual: FloatArray, codes: IntArray, clusters: int) -> float:
 
 
 def _limits(profile: Profile, best: float, cut: float) -> tuple[float | None, float | None]:
-    """Return where the profile falls to ``cut`` on either side, within the tested distances."""
+    """Return where the profile falls to ``cut`` on either side of ``best``, mm.
+
+    A side is None where it does not fall so far within the tested distances.
+    """
     sides: list[float | None] = []
     for end in (float(profile.distance[0]), float(profile.distance[-1])):
         if end == best or profile.at(end) >= cut:
@@ -265,7 +296,7 @@ def _limits(profile: Profile, best: float, cut: float) -> tuple[float | None, fl
 
 
 def threshold(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Fit over the trials whose group is a distance; the group's number is the distance."""
+    """Yield the threshold of the trials whose group is named by a distance, mm."""
     if trials.psychometric == "logistic":
         yield "all", fit_threshold(*_answers(trials), level=trials.level)
     else:
@@ -273,7 +304,7 @@ def threshold(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def _answers(trials: Trials) -> tuple[FloatArray, FloatArray, Labels]:
-    """Return (N,) distances, 0/1 answers and presses of the trials whose group is a distance."""
+    """Return (N,) distances, 0/1 answers and press ids of trials whose group is a distance."""
     answers = resolved(trials)
     numbers = [condition(name) for name in trials.group]
     use = np.array([numbers[i] is not None for i in answers.trial], dtype=bool)
@@ -283,9 +314,9 @@ def _answers(trials: Trials) -> tuple[FloatArray, FloatArray, Labels]:
     return distance, answers.values[use], trials.press[index]
 
 
-@lru_cache(maxsize=1)  # five metrics of one test are numbers of one fit, which takes seconds
+@lru_cache(maxsize=1)  # five metrics of one test come from one fit, which takes seconds
 def _fit(trials: Trials) -> ThresholdFit:
-    """Return the checked fit; its random numbers are its own, so that equal answers give it."""
+    """Return the checked fit; its seed is fixed, so that equal answers give equal fits."""
     most = 0.0 if trials.psychometric == "logistic" else MOST_LAPSES
     rng = np.random.default_rng(SEED)
     return checked_threshold(*_answers(trials), rng=rng, level=trials.level, most_lapses=most)
@@ -294,7 +325,7 @@ def _fit(trials: Trials) -> ThresholdFit:
 def _number(
     read: Callable[[ThresholdFit], float | None],
 ) -> Callable[[Trials, np.random.Generator], Rows]:
-    """Rows of a number of the fit, without an interval."""
+    """Return the function that yields one number of the fit, without an interval."""
 
     def rows(trials: Trials, _rng: np.random.Generator) -> Rows:
         fit = _fit(trials)
@@ -308,17 +339,18 @@ def _of_goodness(name: str) -> Callable[[ThresholdFit], float | None]:
 
 
 def limit(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Yield the median over the presses whose limit is known, with its interval by ranks."""
-    known = np.empty(0) if trials.limit is None else trials.limit[~np.isnan(trials.limit)]
-    yield "all", median_by_ranks(known, level=trials.level)
+    """Yield the median of the presses' known limits, mm, with its interval by ranks."""
+    limits = np.empty(0) if trials.limit is None else trials.limit[~np.isnan(trials.limit)]
+    yield "all", median_by_ranks(limits, level=trials.level)
 
 
 def median_by_ranks(values: FloatArray, *, level: float = 0.95) -> Estimate:
-    """Return the median of (n,) independent values; inf stands for one beyond all others.
+    """Return the median of (n,) independent values; inf stands for a value beyond all others.
 
     The k-th smallest and the k-th largest are the limits, k the largest number for which a
     binomial(n, 1/2) is below k with probability (1 - level) / 2 at most (Conover, Practical
-    Nonparametric Statistics, 1999, section 3.2). None where k is 0 or the value is inf.
+    Nonparametric Statistics, 1999, section 3.2). Both limits are None where k is 0, and a median or
+    limit that is inf is None.
     """
     n = len(values)
     if not n:

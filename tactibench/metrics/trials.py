@@ -17,28 +17,39 @@ from tactibench.protocols.families import Axis
 from tactibench.stats.clusters import IntArray, Labels, finite
 
 CATCH = "catch"
-"""Group of the single presses mixed into two-point trials."""
+"""Group of the single presses that are mixed into two-point trials."""
 NOT_FINITE, RAISED = 1, 2
-"""Ways in which a model can fail on a frame; 0: it answered."""
+"""Ways in which a model can fail on a frame; 0 where it answered."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
     """N test frames answered with contacts.
 
-    truth, predictions: contacts of every frame. press: (N,) press ids, the clusters. group: one
-    name per frame ("all"; "dual", "triple"; a true distance such as "6.5"; "catch").
-    maps: (N, H, W) predicted heatmaps, 1 standing for ``max_depth``. surface: (N, H, W) true
-    inward displacement of the skin, mm. floor: (N,) mm^2, the mean square by which the true
-    contacts, drawn by the encoder, are off it. bound: per frame (K, 3) Cramer-Rao standard
-    deviations of x, y and depth, mm; inf for a contact that the frame does not show. gate: mm, inf
-    for none.
-    limit: (N,) two-point limits of the sensor, mm, nan where it was not asked, inf for none.
-    level: of the intervals. axes: of the families whose cases the groups are. failed: (N,)
-    NOT_FINITE or RAISED where the model failed on a frame, which then has no predictions.
-    psychometric: "logistic" or "lapse", the curve of a threshold.
+    Attributes:
+        truth: True contacts of every frame.
+        predictions: Predicted contacts of every frame.
+        press: (N,) press ids, the clusters.
+        group: One name per frame ("all"; "dual", "triple"; a true distance such as "6.5"; "catch").
+        max_depth: Depth that a heat of 1 stands for, mm.
+        gate: Distance from which on two contacts are no pair, mm; inf for none.
+        level: Level of the intervals.
+        maps: (N, H, W) predicted heatmaps.
+        surface: (N, H, W) true inward displacement of the skin, mm.
+        floor: (N,) mean square by which the encoder's map of the true contacts differs from the
+            surface, mm^2.
+        bound: (K, 3) Cramer-Rao standard deviations of x, y and depth of every frame, mm; inf for a
+            contact that the frame does not show.
+        limit: (N,) two-point limits of the sensor, mm; NaN where it was not computed, inf where
+            there is none.
+        axes: Axes of the families whose cases the groups are.
+        failed: (N,) NOT_FINITE or RAISED where the model failed on a frame, which then has no
+            predictions, else 0; None where a failure ends the run.
+        psychometric: "logistic" or "lapse", the curve of a threshold.
 
-    Raises ValueError on lengths or shapes that do not fit and on other values that are not finite.
+    Raises:
+        ValueError: Lengths or shapes do not fit, a value must be finite and is not, the gate, the
+            maximum depth or a bound is not positive, or the level does not lie between 0 and 1.
     """
 
     truth: tuple[Contacts, ...]
@@ -84,8 +95,8 @@ class Trials:
         if self.bound is not None:
             _lengths(n, bound=self.bound)
             for truth, bound in zip(self.truth, self.bound, strict=True):
-                known = finite(np.where(np.isposinf(bound), 1.0, bound), "bound")
-                if known.shape != (len(truth), 3) or not (known > 0).all():
+                filled = finite(np.where(np.isposinf(bound), 1.0, bound), "bound")
+                if filled.shape != (len(truth), 3) or not (filled > 0).all():
                     raise ValueError("a bound is not one positive (x, y, depth) per true contact")
 
     def __len__(self) -> int:
@@ -103,23 +114,31 @@ class Trials:
 
     @cached_property
     def true_counts(self) -> IntArray:
-        """(N,) number of true contacts."""
+        """Number of true contacts of every frame, (N,)."""
         return np.array([len(c) for c in self.truth], dtype=np.intp)
 
     @cached_property
     def predicted_counts(self) -> IntArray:
-        """(N,) number of predicted contacts."""
+        """Number of predicted contacts of every frame, (N,)."""
         return np.array([len(c) for c in self.predictions], dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
 class PlateTrials:
-    """N test frames answered with plate poses; None: the frame was not answered.
+    """N test frames answered with plate poses.
 
-    published: by table, the predictions that somebody published of the same N frames. group: of
-    every frame ("50": answered after 50 labelled frames); (): all are of one.
+    Attributes:
+        truth: True pose of every frame.
+        predictions: Predicted pose of every frame; None where the frame was not answered.
+        press: (N,) press ids, the clusters.
+        level: Level of the intervals.
+        published: Name of a table -> published predictions of the same N frames.
+        group: Group of every frame ("50": answered after 50 labelled frames); () where all frames
+            are of one group.
 
-    Raises ValueError on lengths that do not fit, a truth of None, values that are not finite.
+    Raises:
+        ValueError: Lengths do not fit, a truth is None, a value is not finite, or the level does
+            not lie between 0 and 1.
     """
 
     truth: tuple[PlatePose | None, ...]

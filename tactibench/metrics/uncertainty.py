@@ -1,7 +1,7 @@
-"""Stated uncertainty against the errors. Only for models that give ``std``; n/a for others.
+"""Stated uncertainty against the errors, for models that give ``std``; n/a for other models.
 
-With z = (predicted - true) / std of x, y and depth, over pairs inside the gate. The gate cuts the
-worst errors off, so `missed` belongs beside these numbers.
+z = (predicted - true) / std of x, y and depth, over pairs inside the gate. The gate cuts off the
+worst errors, so these numbers should be read together with `missed`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ from tactibench.stats.intervals import (
 
 
 def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
-    """(P, 3) z and std of the pairs whose prediction has a std, and (P,) their trials.
+    """Return (P, 3) z and std, mm, of pairs whose prediction has a std, and (P,) their trials.
 
-    Raises UserError for a std that is not positive.
+    Raises:
+        UserError: A stated std is not positive.
     """
     pairs, has = trials.matched, _is_stated(trials)
     error = np.column_stack(
@@ -55,16 +56,16 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
 
 
 def _is_stated(trials: Trials) -> npt.NDArray[np.bool_]:
-    """Return (P,) whether the prediction of a pair inside the gate has a std."""
+    """Return whether the prediction of each pair inside the gate has a std, (P,)."""
     return np.array([trials.predictions[i].std is not None for i in trials.matched.trial], bool)
 
 
 def std_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
     """Yield sqrt(sum std^2 / sum b^2) over x, y and depth, b the Cramer-Rao standard deviation.
 
-    That is the sharpness of what a model states, 1 what the frames allow; it says nothing of
-    whether the errors are so small, which ``rms_z`` does. Pairs without a finite bound are left
-    out of both sums.
+    That is the sharpness of what a model states; the frames allow 1. It does not tell whether the
+    errors are as small, which ``rms_z`` does. Pairs without a finite bound are left out of both
+    sums.
     """
     if trials.bound is None:
         yield "all", Estimate.nothing()
@@ -72,14 +73,14 @@ def std_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
     _, std, trial = standardised(trials)
     places = zip(trial, trials.matched.truth[_is_stated(trials)], strict=True)
     bound = np.array([trials.bound[i][k] for i, k in places]).reshape(-1, 3)
-    known = np.isfinite(bound).all(axis=1) & members(trials, "all")[trial]
+    bounded = np.isfinite(bound).all(axis=1) & members(trials, "all")[trial]
     yield (
         "all",
         root(
             ratio_interval(
-                (std[known] ** 2).sum(axis=1),
-                (bound[known] ** 2).sum(axis=1),
-                trials.press[trial[known]],
+                (std[bounded] ** 2).sum(axis=1),
+                (bound[bounded] ** 2).sum(axis=1),
+                trials.press[trial[bounded]],
                 level=trials.level,
                 floor=0.0,
             )
@@ -88,39 +89,52 @@ def std_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def gaussian_loss(z: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the (P,) sum over the columns of -log N(error; 0, std), errors of z std; std in mm."""
+    """Return the sum over the columns of -log N(error; 0, std), (P,), where error = z std.
+
+    Args:
+        z: (P, C) errors over std.
+        std: (P, C) mm.
+    """
     each = z**2 / 2 + np.log(std) + math.log(2 * math.pi) / 2
     return np.asarray(each.sum(axis=1), dtype=np.float64)
 
 
 def in_ellipse(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
-    """Return (P,) whether z (P, 2) lies inside the ellipse that holds ``percent`` of two Gaussians.
+    """Return (P,) whether z lies in the ellipse that holds ``percent`` % of two Gaussians.
 
-    z_x^2 + z_y^2 <= r^2 = -2 log(1 - percent / 100).
+    The condition is z_x^2 + z_y^2 <= r^2 = -2 log(1 - percent / 100).
+
+    Args:
+        z: (P, 2 or more), x and y first.
+        percent: In 0..100.
     """
     inside = (z[:, :2] ** 2).sum(axis=1) <= -2 * math.log(1 - percent / 100)
     return np.asarray(inside, dtype=np.bool_)
 
 
 def in_interval(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
-    """Return whether each z lies in the symmetric interval that holds ``percent`` of one Gaussian.
+    """Return whether each z lies in the interval that holds ``percent`` % of one Gaussian.
 
-    |z| <= sqrt(2) erfinv(percent / 100).
+    The interval is symmetric: |z| <= sqrt(2) erfinv(percent / 100).
     """
     inside = np.abs(z) <= math.sqrt(2) * float(special.erfinv(percent / 100))
     return np.asarray(inside, dtype=np.bool_)
 
 
 def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (A,) RMSE and (A,) bias of errors (P, A), both over the root mean square bound (P, A).
+    """Return (A,) RMSE and (A,) bias of errors, both over the root mean square bound.
 
-    sqrt(sum e^2 / sum b^2) and mean e / sqrt(mean b^2): rmse^2 = bias^2 + scatter^2, and 1 is the
-    least that an unbiased estimate can have. Pairs whose b is not finite are left out, axis by
-    axis; nan for an axis without any other.
+    These are sqrt(sum e^2 / sum b^2) and mean e / sqrt(mean b^2): rmse^2 = bias^2 + scatter^2, and
+    1 is the smallest RMSE that an unbiased estimate can have. Pairs whose b is not finite are left
+    out, axis by axis; an axis without a finite bound has NaN.
+
+    Args:
+        error: (P, A) errors e.
+        bound: (P, A) Cramer-Rao standard deviations b, in the unit of the errors.
     """
-    known = np.isfinite(bound)
-    count = known.sum(axis=0)
-    e, b = np.where(known, error, 0.0), np.where(known, bound, 0.0)
+    bounded = np.isfinite(bound)
+    count = bounded.sum(axis=0)
+    e, b = np.where(bounded, error, 0.0), np.where(bounded, bound, 0.0)
     with np.errstate(invalid="ignore"):
         scale = np.sqrt((b**2).sum(axis=0) / count)
         rmse = np.sqrt((e**2).sum(axis=0) / count) / scale
@@ -129,7 +143,10 @@ def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def spacing(xy: FloatArray) -> FloatArray:
-    """Return (K,) mm to the nearest other of K contacts (K, 2) in the plane; inf for one alone."""
+    """Return the distance of each contact (K, 2) to its nearest other in the plane, (K,) mm.
+
+    It is inf for a single contact.
+    """
     if not len(xy):
         return np.empty(0)
     apart = cdist(xy, xy)
@@ -138,19 +155,22 @@ def spacing(xy: FloatArray) -> FloatArray:
 
 
 def log_loss(trials: Trials) -> Sample:
-    """Gaussian negative log likelihood of x, y and depth together, one value per pair."""
+    """Return the Gaussian negative log likelihood of x, y and depth, one value per pair."""
     z, std, trial = standardised(trials)
     return Sample(gaussian_loss(z, std), trial)
 
 
 def squared_z(trials: Trials) -> Sample:
-    """z^2 averaged over x, y and depth, one value per pair."""
+    """Return z^2 averaged over x, y and depth, one value per pair."""
     z, _, trial = standardised(trials)
     return Sample((z**2).mean(axis=1), trial)
 
 
 def inside_ellipse(trials: Trials, percent: int) -> Sample:
-    """1 where the truth lies inside the stated ellipse in the plane, see ``in_ellipse``."""
+    """Return 1 for every pair whose truth lies in the stated ellipse in the plane, 0 for others.
+
+    See ``in_ellipse``.
+    """
     z, _, trial = standardised(trials)
     return Sample(in_ellipse(z, percent).astype(np.float64), trial)
 

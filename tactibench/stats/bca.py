@@ -1,8 +1,8 @@
 """BCa bootstrap over clusters for any statistic (Efron 1987).
 
-A statistic is a function of weights: given (B, G) numbers of times each of G clusters was drawn,
-it returns (B,) values. All resamples are computed in a few matrix products that way, and the
-jackknife is the same function called with one weight of zero.
+A statistic is a function of weights: from (B, G) numbers of times that each of G clusters was drawn
+it computes (B,) values. So all resamples are computed in a few matrix products, and the jackknife
+is the same function, called with one weight of zero.
 """
 
 from __future__ import annotations
@@ -18,19 +18,27 @@ from tactibench.stats.clusters import FloatArray, IntArray, cluster_sums, finite
 Statistic = Callable[[FloatArray], FloatArray]
 
 BLOCK = 2**22
-"""Weights handed to a statistic at once; bounds the memory (32 MiB of float64)."""
+"""Weights handed to a statistic at once, to bound the memory (32 MiB of float64)."""
 
 LOST = 0.05
-"""Share of resamples on which a statistic may be undefined before there is no interval."""
+"""Share of resamples on which a statistic may be undefined; with more there is no interval."""
 
 
 def r_squared(
     target: npt.ArrayLike, predicted: npt.ArrayLike, codes: IntArray, clusters: int
 ) -> Statistic:
-    """Return 1 - sum (y - f)^2 / sum (y - mean y)^2, averaged over the columns of (n, K) values.
+    """Return the statistic R^2 = 1 - sum (y - f)^2 / sum (y - mean y)^2, averaged over columns.
 
-    codes: (n,) number of each value's cluster, 0..clusters - 1. Sums suffice: the values are
-    summed per cluster once, beforehand.
+    Sums suffice: the values are summed per cluster once, beforehand.
+
+    Args:
+        target: (n,) or (n, K) true values y.
+        predicted: Predicted values f, of the same shape.
+        codes: (n,) number of each value's cluster, 0..clusters - 1.
+        clusters: Number of clusters.
+
+    Raises:
+        ValueError: A value is not finite.
     """
     y, f = np.atleast_2d(finite(target, "target").T).T, np.atleast_2d(finite(predicted, "f").T).T
     y, residual = y - y.mean(axis=0), y - f  # centred: keeps the sums of squares accurate
@@ -50,7 +58,7 @@ def r_squared(
 
 
 def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> FloatArray:
-    """Return (resamples, clusters) times each cluster is drawn with replacement."""
+    """Return how often each cluster is drawn with replacement, (resamples, clusters)."""
     drawn = rng.integers(clusters, size=(resamples, clusters))
     drawn += clusters * np.arange(resamples)[:, None]
     counts = np.bincount(drawn.ravel(), minlength=resamples * clusters)
@@ -60,14 +68,14 @@ def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> 
 def bootstrap_values(
     statistic: Statistic, clusters: int, resamples: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Return (resamples,) values of the statistic over resampled clusters."""
+    """Return the (resamples,) values of the statistic over resampled clusters."""
     rows = max(1, BLOCK // clusters)
     sizes = [min(rows, resamples - start) for start in range(0, resamples, rows)]
     return np.concatenate([statistic(cluster_weights(clusters, s, rng)) for s in sizes])
 
 
 def jackknife_values(statistic: Statistic, clusters: int) -> FloatArray:
-    """Return (clusters,) values of the statistic with one cluster left out."""
+    """Return the (clusters,) values of the statistic with one cluster left out."""
     rows = max(1, BLOCK // clusters)
     values = []
     for start in range(0, clusters, rows):
@@ -95,12 +103,21 @@ def bca_interval(
 ) -> tuple[float, float] | None:
     """Return (low, high), or None where the data cannot support an interval.
 
-    That is: fewer than two clusters, a statistic that is the same on every resample, or one that
-    is undefined (not finite) on more than 5 % of the resamples or on any jackknife sample.
-    A few undefined resamples are left out. Nor is there an interval where it would not hold the
-    value itself: R^2 of a constant answer is almost the largest of all its resamples.
+    That is the case with fewer than two clusters, with a statistic that is the same on every
+    resample, and with one that is undefined (not finite) on more than 5 % of the resamples or on
+    any jackknife sample. A few undefined resamples are left out. There is also no interval where it
+    would not hold the value itself: R^2 of a constant answer is almost the largest of all its
+    resamples.
 
-    Raises ValueError when the statistic itself is not finite.
+    Args:
+        statistic: Function from (B, G) weights of clusters to (B,) values.
+        clusters: Number of clusters G.
+        rng: Random numbers of the bootstrap.
+        level: Level of the interval.
+        resamples: Number of resamples.
+
+    Raises:
+        ValueError: The statistic of all clusters is not finite.
     """
     if clusters < 2:
         return None

@@ -1,4 +1,4 @@
-"""A mean against a reference mean over the same presses, and where along an axis it doubles."""
+"""Ratio of a mean to a reference mean over the same presses, and where along an axis it doubles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finit
 from tactibench.stats.intervals import Estimate, t_quantile
 
 DOUBLE = 2.0
-"""The error of a hard case counts as broken down when it is this many times the easy one."""
+"""A model counts as broken down where its error is this many times that of the easy case."""
 
 
 def mean_ratio(
@@ -26,19 +26,27 @@ def mean_ratio(
 ) -> Estimate:
     """Return r = mean(values) / mean(reference), both positive, with an interval on the log scale.
 
-    Linearised: log r - log rho ~ sum over clusters g of
+    Linearised, log r - log rho ~ sum over clusters g of
     u_g = sum_{i in g} (a_i - A) / (n_a A) - sum_{j in g} (b_j - B) / (n_b B),
     so that a press that occurs in both counts once, as the pair that it is;
-    var = G / (G - 1) sum u_g^2, t quantile of G - 1 (Liang and Zeger 1986, delta method).
-    No value where the reference is 0, no interval where either mean is.
+    var = G / (G - 1) sum u_g^2, with the t quantile of G - 1 (Liang and Zeger 1986, delta method).
+    There is no value where the mean of the reference is 0, and no interval where either mean is 0.
 
-    Raises ValueError for values that are not finite, and for labels that are not one to a value.
+    Args:
+        values: (n,).
+        clusters: (n,) press ids.
+        reference: (m,) values of the reference.
+        reference_clusters: (m,) press ids.
+        level: Level of the interval.
+
+    Raises:
+        ValueError: A value is not finite, or there is not one label for each value.
     """
     a, b = finite(values, "values"), finite(reference, "reference")
     if not len(a) or not len(b) or b.mean() == 0:
         return Estimate(None, None, None, len(a), 0)
-    both = np.concatenate([np.asarray(clusters), np.asarray(reference_clusters)])
-    codes, count = cluster_codes(both, len(a) + len(b))
+    labels = np.concatenate([np.asarray(clusters), np.asarray(reference_clusters)])
+    codes, count = cluster_codes(labels, len(a) + len(b))
     pressed = len(np.unique(np.asarray(clusters)))
     ratio = float(a.mean() / b.mean())
     if count < 2 or ratio == 0:
@@ -55,12 +63,18 @@ def mean_ratio(
 def crossing(
     values: Sequence[float], ratios: Sequence[float | None], level: float = DOUBLE
 ) -> float | None:
-    """First value at which the polygon through (value, ratio) reaches ``level``, from below.
+    """Return the first value at which the polygon through (value, ratio) reaches a level.
 
-    values: from easy to hard, rising or falling. None: it does not, or a ratio before is unknown.
+    Args:
+        values: From easy to hard, rising or falling.
+        ratios: Ratio at each value; None where it is unknown.
+        level: The level that is reached from below.
+
+    Returns:
+        The value; None where the level is not reached, or a ratio before it is unknown.
     """
-    known = list(zip(values, ratios, strict=True))
-    for (x0, y0), (x1, y1) in pairwise(known):
+    points = list(zip(values, ratios, strict=True))
+    for (x0, y0), (x1, y1) in pairwise(points):
         if y0 is None or y1 is None:
             return None
         if y0 >= level:
@@ -71,11 +85,17 @@ def crossing(
 
 
 def doubling(easy: float, values: Sequence[float], ratios: Sequence[Estimate]) -> Estimate:
-    """Return the value at which a ratio to the easy case, which is 1 there, reaches 2.
+    """Return the value at which the ratio to the easy case reaches 2.
 
-    Linear between the values. The interval holds the values at which the upper and the lower ends
-    of the ratios' intervals reach 2; an end that is not reached is None. Censored at the hardest
-    value, ">" where harder rises and "<" where it falls, when the ratio stays below 2.
+    The ratio is 1 at the easy case and linear between the values. The limits of the interval are
+    the values at which the upper and the lower ends of the ratios' intervals reach 2; a limit that
+    is not reached is None. When the ratio stays below 2, the value is censored at the hardest one:
+    ">" where values rise towards hard cases, "<" where they fall.
+
+    Args:
+        easy: Value of the easy case.
+        values: Values of the other cases, from easy to hard.
+        ratios: Ratio of the error at each of ``values`` to that of the easy case.
     """
     axis = (easy, *values)
     n = min((ratio.n for ratio in ratios), default=0)

@@ -13,7 +13,15 @@ Labels = npt.NDArray[Any]
 
 
 def finite(values: npt.ArrayLike, name: str) -> FloatArray:
-    """Return the values as float64. Raises ValueError, with the count, if any is not finite."""
+    """Return the values as float64.
+
+    Args:
+        values: Any shape.
+        name: Name of the values, for the error.
+
+    Raises:
+        ValueError: A value is not finite. The message counts such values.
+    """
     array = np.asarray(values, dtype=np.float64)
     bad = int(array.size - np.isfinite(array).sum())
     if bad:
@@ -22,7 +30,11 @@ def finite(values: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def cluster_codes(labels: npt.ArrayLike, n: int) -> tuple[IntArray, int]:
-    """Number the labels of n values: (n,) codes 0..G-1 and G."""
+    """Return (n,) codes 0..G - 1 of the labels of n values, and the number of clusters G.
+
+    Raises:
+        ValueError: There is not one label for each value.
+    """
     array = np.asarray(labels)
     if array.shape != (n,):
         raise ValueError(f"{n} values have cluster labels of shape {array.shape}")
@@ -31,7 +43,13 @@ def cluster_codes(labels: npt.ArrayLike, n: int) -> tuple[IntArray, int]:
 
 
 def cluster_sums(values: FloatArray, codes: IntArray, count: int) -> FloatArray:
-    """Sum (n,) or (n, K) values over each cluster: (G,) or (G, K)."""
+    """Return the sums over each cluster, (G,) or (G, K), of (n,) or (n, K) values.
+
+    Args:
+        values: (n,) or (n, K).
+        codes: (n,) number of each value's cluster, 0..G - 1.
+        count: Number of clusters G.
+    """
     if values.ndim == 1:
         return np.bincount(codes, values, count).astype(np.float64)
     return np.stack([np.bincount(codes, column, count) for column in values.T], axis=1)

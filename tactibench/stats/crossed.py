@@ -1,13 +1,13 @@
 """Differences of models that were trained on several seeds and answered the same presses.
 
-A mean over presses and seeds is off for two reasons: other presses, and other seeds. No bootstrap
+A mean over presses and seeds varies for two reasons: other presses, and other seeds. No bootstrap
 of an array of presses by seeds is exact (McCullagh 2000, Bernoulli 6:285), and resampling three
-seeds says too little: it finds two thirds of their variance. So the two variances are estimated
-each on its own and added, as the variance of a crossed array is when its last term is left out.
-That errs to the safe side: what a press and a seed do together is counted twice (Owen 2007, Annals
-of Applied Statistics 1:386). The sum has the degrees of freedom of Welch and Satterthwaite (Welch
-1947). These can be more than the few of the seeds, so the seeds alone are asked, too, and the
-wider of the two decides.
+seeds finds only two thirds of their variance. So the two variances are estimated separately and
+added, which is the variance of a crossed array without its last term. This errs on the safe side:
+the interaction of presses and seeds is counted twice (Owen 2007, Annals of Applied Statistics
+1:386). The sum has the degrees of freedom of Welch and Satterthwaite (Welch 1947). These can be
+more than the few of the seeds, so a test with the seeds alone is made, too, and the wider of the
+two decides.
 """
 
 from __future__ import annotations
@@ -32,20 +32,23 @@ def crossed_p_values(
     seed_variance: FloatArray,
     seeds: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return two-sided p values of every pair of K models: of presses alone, and of seeds as well.
+    """Return two-sided p values of every pair of K models, of presses alone and with seeds.
 
     Args:
         difference: (K, K), row minus column.
         press_variance: (K, K) variance of the difference over other presses.
-        presses: (K, K) number of presses behind it.
-        seed_variance: (K,) variance of a model's mean over other seeds; 0 where nothing of a
-            training is drawn.
+        presses: (K, K) number of presses behind the difference.
+        seed_variance: (K,) variance of a model's mean over other seeds; 0 where a training draws
+            no random numbers.
         seeds: (K,) number of seeds.
+
+    Returns:
+        (K, K) p values that count presses alone, and (K, K) that count seeds as well.
     """
     freedom = np.maximum(seeds - 1.0, 1.0)
-    own = np.broadcast_to(seed_variance, difference.shape)
+    of_columns = np.broadcast_to(seed_variance, difference.shape)
     free = np.broadcast_to(freedom, difference.shape)
-    of_seeds: list[Term] = [(own.T, free.T), (own, free)]
+    of_seeds: list[Term] = [(of_columns.T, free.T), (of_columns, free)]
     of_presses: list[Term] = [(press_variance, np.maximum(presses - 1.0, 1.0))]
     return welch_p_values(difference, of_presses), np.maximum(
         welch_p_values(difference, of_seeds),
@@ -62,9 +65,10 @@ def crossed_interval(
     """Return the interval of a difference of two models, the wider of seeds alone and of both.
 
     Args:
-        difference: Of the means.
+        difference: Difference of the means.
         of_presses: Variance over other presses, and its degrees of freedom.
-        of_seeds: The same over other seeds of each model; () where nothing of a training is drawn.
+        of_seeds: The same over other seeds of each model; () where no training draws random
+            numbers.
         level: Share of such intervals that hold the true difference.
     """
     half = max(_half_width(of_seeds, level), _half_width([*of_seeds, of_presses], level))
@@ -82,7 +86,11 @@ def _half_width(terms: Sequence[tuple[float, float]], level: float) -> float:
 def welch_p_values(difference: FloatArray, terms: Sequence[Term]) -> FloatArray:
     """Return two-sided p values of differences whose variance is a sum of independent estimates.
 
-    Without any variance p is 1 for a difference of 0, and 0 for every other.
+    Without any variance p is 1 for a difference of 0, and 0 for every other difference.
+
+    Args:
+        difference: Any shape.
+        terms: Estimates that are added, each of the shape of ``difference``.
     """
     zero = np.zeros_like(difference)
     variance = sum((variance for variance, _ in terms), zero)
@@ -95,7 +103,7 @@ def welch_p_values(difference: FloatArray, terms: Sequence[Term]) -> FloatArray:
 
 
 def adjust_pairs(p: FloatArray) -> FloatArray:
-    """Return symmetric (K, K) p values, adjusted for the family of all pairs by Holm."""
+    """Return symmetric (K, K) p values, adjusted for the family of all pairs (Holm 1979)."""
     upper = np.triu_indices(len(p), 1)
     adjusted = np.ones_like(p)
     if len(upper[0]):

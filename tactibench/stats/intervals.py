@@ -25,12 +25,18 @@ from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finit
 class Estimate:
     """A value with its interval.
 
-    value, low, high: None where there is nothing to estimate from; never NaN. n: values that were
-    averaged. clusters: presses they come from. censored: "<" or ">" when the value is only known
-    to lie beyond the one given. method: "interpolated" when no curve fits and the value was read
-    between the measured shares.
+    Attributes:
+        value: None where there is nothing to estimate from; never NaN.
+        low: Lower limit of the interval; None where there is none.
+        high: Upper limit of the interval; None where there is none.
+        n: Number of values that were averaged.
+        clusters: Number of presses that they come from.
+        censored: "<" or ">" when the true value is only known to lie beyond ``value``.
+        method: "interpolated" when no curve fits and the value was read between the measured
+            shares.
 
-    Raises ValueError when a number is not finite.
+    Raises:
+        ValueError: The value or a limit is NaN or infinite.
     """
 
     value: float | None
@@ -49,7 +55,7 @@ class Estimate:
 
     @classmethod
     def nothing(cls) -> Estimate:
-        """Return no value at all: shown as n/a."""
+        """Return an estimate without a value, which is shown as n/a."""
         return cls(None, None, None, 0, 0)
 
 
@@ -61,7 +67,15 @@ def t_quantile(level: float, clusters: int) -> float:
 def clustered_variance(
     numerator: npt.ArrayLike, denominator: npt.ArrayLike, clusters: Labels
 ) -> tuple[float, float, int]:
-    """Ratio of sums, its cluster-robust variance and the number of clusters (two at least)."""
+    """Return the ratio of two sums, its cluster-robust variance and the number of clusters.
+
+    With fewer than two clusters the variance is NaN.
+
+    Args:
+        numerator: (n,) terms of the first sum.
+        denominator: (n,) terms of the second sum.
+        clusters: (n,) press ids.
+    """
     a, b = finite(numerator, "numerator"), finite(denominator, "denominator")
     codes, count = cluster_codes(clusters, len(a))
     ratio = float(a.sum() / b.sum())
@@ -78,7 +92,15 @@ def ratio_interval(
     level: float = 0.95,
     floor: float = -math.inf,
 ) -> Estimate:
-    """Sum(numerator) / sum(denominator) with a clustered t interval, cut off below ``floor``."""
+    """Return sum(numerator) / sum(denominator) with a clustered t interval.
+
+    Args:
+        numerator: (n,) terms of the first sum.
+        denominator: (n,) terms of the second sum.
+        clusters: (n,) press ids.
+        level: Level of the interval.
+        floor: Value at which the interval is cut off below.
+    """
     n = np.size(numerator)
     if n == 0:
         return Estimate.nothing()
@@ -92,14 +114,14 @@ def ratio_interval(
 def mean_interval(
     values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95, floor: float = -math.inf
 ) -> Estimate:
-    """Return the mean over all values with a clustered t interval."""
+    """Return the mean of (n,) values with a clustered t interval, cut off below ``floor``."""
     return ratio_interval(values, np.ones(np.shape(values)), clusters, level=level, floor=floor)
 
 
 def positive_mean_interval(
     values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95
 ) -> Estimate:
-    """Mean of values that cannot be negative (absolute errors): no interval reaches below 0."""
+    """Return the mean of values that cannot be negative; its interval does not reach below 0."""
     return mean_interval(values, clusters, level=level, floor=0.0)
 
 
@@ -115,15 +137,15 @@ def root(square: Estimate) -> Estimate:
 
 
 def rms_interval(squares: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
-    """Sqrt(mean(squares)) of squared errors; the interval is that of the mean square, rooted."""
+    """Return sqrt(mean(squares)) of squared errors, with the root of the mean square's interval."""
     return root(positive_mean_interval(squares, clusters, level=level))
 
 
 def effective_size(hits: npt.ArrayLike, clusters: Labels) -> float:
     """Return the number of independent yes/no values that would have the clustered variance.
 
-    p (1 - p) / var, at most n. With p = 0 or 1 nothing can be said about the correlation inside a
-    press, so a press counts once.
+    It is p (1 - p) / var, at most n. With p = 0 or 1 the data say nothing about the correlation
+    inside a press, so a press counts once.
     """
     share, variance, count = clustered_variance(hits, np.ones(np.shape(hits)), clusters)
     if not 0 < share < 1 or count < 2:
@@ -133,9 +155,18 @@ def effective_size(hits: npt.ArrayLike, clusters: Labels) -> float:
 
 
 def share_interval(hits: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
-    """Share of ones among 0/1 values; Wilson interval with the effective size and t quantile.
+    """Return the share of ones, with a Wilson interval of the effective size and t quantile.
 
-    Stays inside 0..1 and keeps a width at 0 and 1, where a t interval would claim certainty.
+    The interval stays inside 0..1 and keeps a width at 0 and 1, where a t interval would claim
+    certainty.
+
+    Args:
+        hits: (n,) 0 or 1.
+        clusters: (n,) press ids.
+        level: Level of the interval.
+
+    Raises:
+        ValueError: A value is neither 0 nor 1.
     """
     values = finite(hits, "hits")
     if not np.isin(values, (0.0, 1.0)).all():
@@ -155,9 +186,10 @@ def share_interval(hits: npt.ArrayLike, clusters: Labels, *, level: float = 0.95
 
 
 def rate_interval(counts: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
-    """Mean of event counts; clustered t, and the exact Poisson limit when nothing happened.
+    """Return the mean of event counts with a clustered t interval.
 
-    With no event in G presses the upper limit is -log((1 - level) / 2) / G.
+    With no event in G presses the upper limit is the exact one of a Poisson distribution,
+    -log((1 - level) / 2) / G.
     """
     estimate = positive_mean_interval(counts, clusters, level=level)
     if estimate.value == 0.0 and estimate.clusters > 1:

@@ -18,7 +18,12 @@ def sign_flip_p(
 ) -> float:
     """Return p = (1 + #{|sum s_i d_i| >= |sum d_i|}) / (1 + permutations), s_i random signs.
 
-    The + 1 counts the data as one of the permutations (Phipson and Smyth 2010): p is never 0.
+    The + 1 counts the data as one of the permutations (Phipson and Smyth 2010), so p is never 0.
+
+    Args:
+        differences: (G,) differences d of the two models, one per press.
+        rng: Random numbers of the signs.
+        permutations: Number of random permutations.
     """
     return float(_flipped(finite(differences, "differences"), rng, permutations))
 
@@ -28,7 +33,10 @@ def sign_flip_ps(
 ) -> list[float]:
     """Return ``sign_flip_p`` of every column of (G, K) differences; all columns share their signs.
 
-    A press that has no difference in a column is 0 there: its sign changes nothing.
+    A press that has no difference in a column should be 0 there: its sign then changes nothing.
+
+    Raises:
+        ValueError: The differences are no (G, K) array, or one of them is not finite.
     """
     d = finite(differences, "differences")
     if d.ndim != 2:
@@ -49,7 +57,10 @@ def _flipped(d: FloatArray, rng: np.random.Generator, permutations: int) -> Floa
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjust p values for a family (Holm 1979): step down, monotone, at most 1. Keeps the order."""
+    """Return p values, adjusted for a family by Holm's step-down method (1979), in their order.
+
+    The adjusted values are monotone in the p values and at most 1.
+    """
     p = finite(p_values, "p values")
     order = np.argsort(p, kind="stable")
     steps = p[order] * np.arange(len(p), 0, -1)
@@ -63,12 +74,13 @@ def grouped(
 ) -> dict[int, int]:
     """Return the rank of every model of ``order``, the best first.
 
-    The first of those that are left opens a group, all that are not worse join it, and the next
-    group's rank counts the models before it (1, 1, 3).
+    The first model that is left opens a group, and all that are not worse join it. The next group's
+    rank counts the models before it (1, 1, 3).
 
     Args:
-        order: Models.
-        worse: Which of some models are worse than one; called with the first and all others left.
+        order: Numbers of the models.
+        worse: Function of a model and a list of others. It returns those of them that are worse
+            than the model.
     """
     ranks: dict[int, int] = {}
     left = list(order)
