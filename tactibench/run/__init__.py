@@ -1,1 +1,1 @@
-"""One run: from a request to a stored record."""
+"""A run: from a request to a stored record."""

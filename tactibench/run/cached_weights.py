@@ -17,8 +17,18 @@ class CachedWeights:
     """Weights in the cache.
 
     Attributes:
-        presses: they learned from; None where it was not noted.
-        bytes: of all their files.
+        folder: Folder of the weights.
+        model: Name of the model.
+        parameters: Values of its parameters.
+        encoder: Name of the encoder; None where the model uses none.
+        regime: Name of the training regime.
+        seed: Seed of the training.
+        device: Device of the training, "cpu" or "cuda".
+        presses: Number of presses that they learned from; None where it was not recorded.
+        epochs: Number of epochs of the training.
+        seconds: Duration of the training, s.
+        bytes: Size of all their files.
+        hash: Hash of the weights.
     """
 
     folder: Path
@@ -36,14 +46,14 @@ class CachedWeights:
 
 
 def cached_weights(cache: Path) -> list[CachedWeights]:
-    """Return all readable weights, by model, regime, presses and seed."""
+    """Return all readable weights, ordered by model, regime, presses and seed."""
     paths = sorted((cache / "weights").glob(f"*/{MANIFEST}"))
     weights = [readable for path in paths for readable in _read(path)]
     return sorted(weights, key=lambda w: (w.model, w.regime, w.presses or 0, w.seed, w.folder.name))
 
 
 def _read(path: Path) -> Iterator[CachedWeights]:
-    """One, or nothing where the manifest is damaged: a run would train anew."""
+    """Yield the weights of a manifest; nothing where it is damaged, as a run would train anew."""
     try:
         manifest = read_checked_json(path)
         identity, report = manifest["identity"], manifest["report"]
@@ -67,7 +77,12 @@ def _read(path: Path) -> Iterator[CachedWeights]:
 
 
 def weights_folder(cache: Path, content_hash: str) -> Path | None:
-    """Return the folder of the weights of a hash, every file compared; None where there is none."""
+    """Return the folder of the weights with a hash; None where no intact weights have it.
+
+    Args:
+        cache: Folder of the cache.
+        content_hash: Hash of the weights. It is compared with every file.
+    """
     for weights in cached_weights(cache):
         if weights.hash == content_hash:
             files = read_checked_json(weights.folder / MANIFEST)["files"]

@@ -23,10 +23,11 @@ class Components:
     """Model, sensors and encoder of a run.
 
     Attributes:
-        model, encoder: what is scored, and what it learns through.
-        sensor: presses the training scenes.
-        test_sensor: presses the test scenes; None where the same sensor does.
-        regime: name of the training regime.
+        model: The model that is scored.
+        sensor: The sensor that presses the training scenes.
+        encoder: The encoder that the model learns through; None where it uses none.
+        regime: Name of the training regime.
+        test_sensor: The sensor that presses the test scenes; None where it is ``sensor``.
     """
 
     model: BoundSpec[ModelSpec]
@@ -41,17 +42,17 @@ class Components:
         return self.test_sensor or self.sensor
 
     def build_encoder(self) -> Encoder | None:
-        """Return the encoder, made; None where the model uses none."""
+        """Build the encoder and return it; None where the model uses none."""
         return None if self.encoder is None else self.encoder.build()
 
     def build_model(self, context: ModelContext) -> Model:
-        """Return the model, made and not trained."""
+        """Build the model, not trained, and return it."""
         model: Model = self.model.build(context)
         return model
 
     @property
     def adapts(self) -> bool:
-        """Return whether the model can be shown labelled presses of the tested sensor."""
+        """Return whether the model can adapt to labelled presses of the tested sensor."""
         loaded: Any = self.model.spec.load()
         return loaded.adapt is not Model.adapt
 
@@ -83,20 +84,25 @@ class Components:
 
 
 def resolve_components(request: RunRequest, protocol: Protocol, host: PluginHost) -> Components:
-    """Look the plugins up and check that they fit the protocol. Raises UserError."""
+    """Look the plugins up and check that they fit the protocol.
+
+    Raises:
+        UserError: A plugin, a parameter or the regime does not exist, or they do not fit together
+            or the protocol.
+    """
     given = {kind: dict(values) for kind, values in request.parameters.items()}
     model = _model(request, protocol, host)
     if request.quick and any(p.name == "epochs" for p in model.parameters):
         given.setdefault("model", {}).setdefault("epochs", str(QUICK_EPOCHS))
     sensor = _sensor(request, protocol, host)
     regime = _regime(request, protocol)
-    several = any(protocol.draw(name).indenter != "single" for name in protocol.regimes[regime])
-    if several and model.max_contacts == 1:
+    many_tips = any(protocol.draw(name).indenter != "single" for name in protocol.regimes[regime])
+    if many_tips and model.max_contacts == 1:
         raise _one_contact_only(f"model {model.name!r} predicts", regime)
     encoder = None
     if model.uses_encoder:
         encoder_spec = _encoder(request.encoder or model.default_encoder, protocol, model, host)
-        if several and encoder_spec.max_contacts == 1:
+        if many_tips and encoder_spec.max_contacts == 1:
             raise _one_contact_only(f"encoder {encoder_spec.name!r} shows", regime)
         values = given.get("encoder", {})
         encoder = BoundSpec.named(host.encoders, encoder_spec.name, values)
@@ -147,7 +153,7 @@ def _regime(request: RunRequest, protocol: Protocol) -> str:
 
 
 def cannot_adapt(model: str) -> UserError:
-    """Return the error of a model that has no use for labelled presses of the tested sensor."""
+    """Return the error for a model that cannot adapt to labelled presses of the tested sensor."""
     return UserError(
         f"model {model} cannot adapt to labelled presses of another sensor; leave --test shots "
         "out, or take a model that writes adapt, such as kernel."
@@ -162,7 +168,11 @@ def _one_contact_only(subject: str, regime: str) -> UserError:
 
 
 def _encoder(name: str, protocol: Protocol, model: ModelSpec, host: PluginHost) -> EncoderSpec:
-    """The encoder of that name, or the protocol's; it must be of a kind that the model learns."""
+    """Return the encoder of a name, or the protocol's where the name is empty.
+
+    Raises:
+        UserError: There is no such encoder, or the model does not learn encoders of its kind.
+    """
     encoder = host.encoders[name or protocol.defaults.encoder]
     if encoder.kind in model.encoders:
         return encoder

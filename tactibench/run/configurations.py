@@ -1,4 +1,4 @@
-"""The ways in which a model can compute its answers: how far off they are, and how fast."""
+"""The ways in which a model can compute its answers: how much the answers differ, and how fast."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ from tactibench.run.predict import blinded
 from tactibench.run.threads import limited_threads
 
 COMPILED = "compiled"
-"""Takes tens of seconds to make, so it is left out unless asked for."""
+"""The configuration that is prepared for tens of seconds, so it is left out unless requested."""
 BRIEF_FRAMES, BRIEF_CALLS, BRIEF_ROUNDS = 50, 50, 5
-"""Size of the race that chooses what a run times at length."""
+"""Size of the race that chooses the configuration which a run times at length."""
 ROUNDS, OFFLINE_ROUNDS = 10, 9
+"""Rounds of a scenario with single frames, and of one with batches."""
 WAIT_S = 15.0
-"""Seconds that the warm-ups of one scenario may take together, and its rounds as many again."""
+"""Seconds that the warm-ups of a scenario with single frames may take together; its rounds may take
+as many again."""
 
 Advance = Callable[[int], None]
 Row = dict[str, Any]
@@ -37,7 +39,14 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to compute that works on this machine, and what it costs in accuracy."""
+    """A way to compute that works on this machine, and what it costs in accuracy.
+
+    Attributes:
+        name: Name of the way.
+        description: Description of the way, as the model gives it.
+        stages: Functions from frames to answers, by name.
+        difference: Difference of its answers from those in float32.
+    """
 
     name: str
     description: str
@@ -47,7 +56,12 @@ class Configuration:
 
 @dataclass(frozen=True)
 class Configurations:
-    """The ways that work, and for each other one the sentence why it does not."""
+    """The ways of a model to compute.
+
+    Attributes:
+        usable: The ways that work.
+        skipped: Name of every other way -> the sentence why it was left out.
+    """
 
     usable: tuple[Configuration, ...]
     skipped: Mapping[str, str]
@@ -59,12 +73,12 @@ class Configurations:
 
 @dataclass(frozen=True)
 class Race:
-    """All ways of a model, timed against each other.
+    """All ways of a model to compute, timed against each other.
 
     Attributes:
-        configurations: that were timed.
-        best: the fastest of those whose answers may stand for float32.
-        rows: those of a record, each with its configuration's name.
+        configurations: The ways, of which the usable ones were timed.
+        best: The fastest way whose answers may stand for float32.
+        rows: Rows of a record, each with the name of its configuration.
     """
 
     configurations: Configurations
@@ -72,7 +86,14 @@ class Race:
     rows: tuple[Row, ...]
 
     def total(self, name: str, threads: int, batch: int = 1, scenario: str = "single") -> Any:
-        """Return the row of the whole call of one configuration; None when it was not timed."""
+        """Return the row of whole calls of a configuration; None when it was not timed.
+
+        Args:
+            name: Name of the configuration.
+            threads: Number of threads.
+            batch: Number of frames of a call.
+            scenario: "single" or "offline".
+        """
         sought = (name, scenario, threads, batch, "total")
         columns = ("configuration", "scenario", "threads", "batch", "phase")
         matching = (row for row in self.rows if tuple(row[k] for k in columns) == sought)
@@ -88,20 +109,20 @@ def compare_configurations(
     compiled: bool = False,
     advance: Advance = lambda _: None,
 ) -> Configurations:
-    """Make every way ready and compare its answers with the float32 ones of the frames.
+    """Prepare every way and compare its answers with those in float32.
 
-    A model that has no choice is taken as it is.
+    A model without a choice is taken as it is.
 
     Args:
-        model: trained.
-        frames: as a model may see them.
-        scored: its answers in float32.
-        truth: of the frames.
-        compiled: whether to try torch.compile, too.
-        advance: is told of every way.
+        model: A trained model.
+        frames: Frames as a model may see them.
+        scored: The model's answers to the frames in float32.
+        truth: True answers to the frames.
+        compiled: Whether to try torch.compile, too.
+        advance: Function that is called after every way.
 
     Raises:
-        UserError: when no way works.
+        UserError: No way works.
     """
     if not model.configurations:
         stages = declared_stages(model)
@@ -127,10 +148,14 @@ def compare_configurations(
 
 
 def fastest(ways: Iterable[Configuration], samples: Mapping[str, LatencySample]) -> Configuration:
-    """Return the way with the lowest median of a whole call of those that may stand for float32.
+    """Return the fastest way among those whose answers may stand for float32.
 
-    The median, because a neighbour's work shows in the upper quantiles first. Where none is
-    allowed, the first is taken: float32 as it is.
+    That is the way with the lowest median of a whole call: other work on the machine shows in the
+    upper quantiles first. Where no way is allowed, the first one is taken, which is float32.
+
+    Args:
+        ways: Ways that were timed, float32 first.
+        samples: Name of a way -> its times.
     """
     every = list(ways)
     allowed = [way for way in every if way.difference.allowed] or every[:1]
@@ -144,7 +169,18 @@ def race_briefly(
     truth: Sequence[Answer],
     budget_s: float,
 ) -> tuple[Configuration, list[Row]]:
-    """Return the fastest way on one thread, which a run times, and how all ways did."""
+    """Return the fastest way on one thread, which a run times, and a row for every way.
+
+    Args:
+        model: A trained model.
+        frames: Frames as a model may see them.
+        scored: The model's answers to the frames in float32.
+        truth: True answers to the frames.
+        budget_s: Seconds for all warm-ups together, and as many for all rounds.
+
+    Returns:
+        The fastest way, and rows with the description, median time and difference of every way.
+    """
     rows = spread(range(len(frames)), BRIEF_FRAMES)
     few = [frames[row] for row in rows]
     with limited_threads(1):
@@ -175,19 +211,24 @@ def race(
     compiled: bool = False,
     advance: Advance = lambda _: None,
 ) -> Race:
-    """Time every configuration that works here: ``single`` with one thread and all, ``offline``.
+    """Time every configuration that works on this machine, ``single`` and ``offline``.
 
-    Their answers at batch 1 are compared with ``predict``, in float32, and with the truth. The best
-    is the one with the lowest median for one frame on one thread among those allowed.
+    ``single`` is timed with one thread and with all threads. The answers at batch 1 are compared
+    with those of ``predict``, in float32, and with the truth. The best configuration is the one
+    with the lowest median for one frame on one thread, among those whose answers may stand for
+    float32.
 
     Args:
-        model: trained.
-        frames: of a test.
-        truth: of every frame.
-        calls: at batch 1.
-        batches: of ``offline``; None: 1, 8, 32 and 128.
-        compiled: whether to try torch.compile, too.
-        advance: is told of every finished step.
+        model: A trained model.
+        frames: Frames of a test.
+        truth: True answer to every frame.
+        calls: Number of calls at batch 1.
+        batches: Sizes of the batches of ``offline``; None: 1, 8, 32 and 128.
+        compiled: Whether to try torch.compile, too.
+        advance: Function that is called after every step, at most ``race_steps`` times.
+
+    Raises:
+        UserError: No configuration works.
     """
     seen = [blinded(frame) for frame in frames]
     with limited_threads(1):
@@ -226,12 +267,12 @@ def race(
 
 
 def race_steps(model: Model, batches: Sequence[int] = BATCHES) -> int:
-    """Return of how many steps ``race`` tells at most, for a progress bar."""
+    """Return the largest number of steps of ``race``, for a progress bar."""
     return len(model.configurations) + 2 + len(batches)
 
 
 def metric_rows(finished: Race) -> list[Row]:
-    """Return what was measured as rows {metric, group, value, unit}, by configuration."""
+    """Return the results of a race as rows {metric, group, value, unit}, by configuration."""
     rows: list[Row] = []
 
     def add(metric: str, group: str, value: float | None, unit: str) -> None:

@@ -1,4 +1,4 @@
-"""Answers of a faster way to compute beside the float32 ones: what it costs in accuracy."""
+"""Answers of a faster way to compute against those in float32: what it costs in accuracy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from tactibench.plugins.base import Model, Stage
 from tactibench.plugins.failures import describe_method
 
 ALLOWED = 0.02
-"""Relative change of the mean error, and share of frames with another count, still allowed."""
+"""Relative change of the mean error up to which a way is allowed, and share of frames in which the
+number of contacts may change."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,12 @@ class Difference:
     """Answers of one configuration against those in float32, frame by frame.
 
     Attributes:
-        median_mm: median distance between the two; None when no frame can be compared.
-        frames: how many were compared.
-        other_count: in how many of them the number of contacts differs.
-        error_change: of the mean distance to the truth, relative to float32; None without truth.
-        largest_mm: largest distance between the two; not part of a record.
+        median_mm: Median distance between the two answers, mm; None when no frame can be compared.
+        frames: Number of frames that were compared.
+        other_count: Number of frames in which the number of contacts differs.
+        error_change: Change of the mean distance to the truth, relative to float32; None where it
+            is not known.
+        largest_mm: Largest distance between the two answers, mm; it is not part of a record.
     """
 
     median_mm: float | None
@@ -38,7 +40,7 @@ class Difference:
 
     @property
     def allowed(self) -> bool:
-        """Return whether this may stand for float32. Without truth only counts are known."""
+        """Return whether this may stand for float32. Without truth only the counts decide."""
         changed = 0.0 if self.error_change is None else abs(self.error_change)
         return changed < ALLOWED and self.other_count <= ALLOWED * self.frames
 
@@ -77,7 +79,11 @@ def declared_stages(model: Model) -> list[Stage]:
 
 
 def answers_of(stages: Sequence[Stage], frames: Sequence[Frame]) -> list[Answer | None]:
-    """Return what stages answer at batch 1, frame by frame."""
+    """Return the answers of stages at batch 1, frame by frame.
+
+    Raises:
+        UserError: The last stage gives something else than a list with one answer.
+    """
     answers: list[Answer | None] = []
     for frame in frames:
         value: Any = [frame]
@@ -98,7 +104,13 @@ def compare(
     scored: Sequence[Answer | None],
     truth: Sequence[Answer] | None = None,
 ) -> Difference:
-    """Compare answers with the float32 ones of the same frames, and both with the truth."""
+    """Compare answers with the float32 answers to the same frames, and both with the truth.
+
+    Args:
+        answers: Answers of a way to compute.
+        scored: Answers in float32.
+        truth: True answers; None where they are not known.
+    """
     gaps: list[float] = []
     other_count = 0
     for answer, reference in zip(answers, scored, strict=True):
@@ -115,8 +127,8 @@ def compare(
 def mean_error_mm(answers: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
     """Return the mean distance (x, y, depth) from each true contact to the nearest answer, mm.
 
-    Of a plate: the mean error of its depth. Frames without an answer are left out; None when that
-    is all of them.
+    For a plate it is the mean error of its depth. Frames without an answer are left out; it is None
+    when no frame is left.
     """
     errors = [
         error
@@ -148,7 +160,10 @@ def _errors(answer: Answer | None, true: Answer) -> list[float]:
 
 
 def _distances(answer: Answer | None, scored: Answer | None) -> list[float] | None:
-    """Distances (x, y, depth) between answers in mm, contact by contact; None: other counts."""
+    """Return the distances (x, y, depth) between two answers, mm, contact by contact.
+
+    They are None where the numbers of contacts or the kinds of answers differ.
+    """
     if answer is None and scored is None:
         return []
     if isinstance(answer, PlatePose) and isinstance(scored, PlatePose):
@@ -166,6 +181,6 @@ def _points(contacts: Contacts) -> npt.NDArray[np.float64]:
 
 
 def _nearest(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> list[float]:
-    """From each row of a the distance to the nearest row of b."""
+    """Return the distance from each row of a to the nearest row of b."""
     gaps = np.linalg.norm(a[:, None] - b[None], axis=2)
     return [float(gap) for gap in gaps.min(axis=1)]

@@ -1,7 +1,8 @@
-"""The test of a trained model: predictions, times, examples, and what is recorded of it.
+"""The test of a trained model: predictions, times, examples and entries of the record.
 
-A protocol that asks otherwise has a class of its own beside this one: after a few labelled frames
-of another sensor (``few_shot``), or on frames on which a model may fail (``hard_cases``).
+Protocols with another kind of test have a class of their own beside this one: tests after a few
+labelled frames of another sensor (``few_shot``), and on frames on which a model may fail
+(``hard_cases``).
 """
 
 from __future__ import annotations
@@ -30,10 +31,13 @@ class TestFrames:
     """The test frames of a run.
 
     Attributes:
-        sets: presses with their frames.
-        main: how many of the sets are not scored apart; they are the first.
-        frames, names, truth, groups: of all sets in order.
-        clusters: of every frame, the press it belongs to.
+        sets: Presses with their frames.
+        main: Number of sets that are not scored apart; they are the first.
+        frames: Frames of all sets in order.
+        names: Name of every frame.
+        truth: True answer to every frame.
+        groups: Group of every frame.
+        clusters: Press that every frame belongs to.
     """
 
     __test__ = False  # not a test case, whatever its name
@@ -48,7 +52,7 @@ class TestFrames:
 
     @property
     def main_frames(self) -> int:
-        """Return how many frames are not scored apart; they are the first."""
+        """Return the number of frames that are not scored apart; they are the first."""
         return sum(map(len, self.sets[: self.main]))
 
     @classmethod
@@ -68,7 +72,16 @@ class TestFrames:
 
 
 class Evaluation:
-    """The test of a trained model on all frames, each answered once."""
+    """The test of a trained model on all frames, each answered once.
+
+    Attributes:
+        plan: The plan of the run.
+        model: The trained model.
+        test: The test frames.
+        reporter: Shows the work.
+        kind: Kind of the answers, "contacts" or "plate".
+        rules: Limits of the answers.
+    """
 
     def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
         self.plan, self.model, self.test, self.reporter = plan, model, test, reporter
@@ -77,7 +90,11 @@ class Evaluation:
         self.rules = AnswerRules(self.kind, most, plan.spec.grid.grid().shape)
 
     def predict(self) -> Predictions:
-        """Return the model's answers to all test frames. Raises UserError."""
+        """Return the model's answers to all test frames.
+
+        Raises:
+            UserError: The model answers something else than it declared.
+        """
         frames = self.test.frames
         with self.reporter.task("predict", len(frames)) as advance:
             answers, maps = predict_frames(self.model, frames, self.rules, advance)
@@ -88,7 +105,11 @@ class Evaluation:
         return truth_arrays(self.kind, self.test.truth, self.test.clusters, self.test.groups)
 
     def time(self, predictions: Predictions) -> Speed:
-        """Return how long the model takes for a test frame, and what that costs in accuracy."""
+        """Return the model's times for the main test frames, and what its speed costs in accuracy.
+
+        Args:
+            predictions: The scored answers, in float32.
+        """
         count = self.test.main_frames
         frames, truth = self.test.frames[:count], self.test.truth[:count]
         answers = predictions.answers(self.kind)[:count]
@@ -104,12 +125,19 @@ class Evaluation:
         return example_arrays(self.test.frames[:count], self.test.truth[:count], self.model)
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
-        """Return what the record says of this test beyond its metrics."""
+        """Return the entries that the record has for this test beyond its metrics."""
         return {}
 
 
 def truth_arrays(
     kind: str, answers: Sequence[Answer], clusters: Sequence[str], groups: Sequence[str]
 ) -> Arrays:
-    """Return packed answers with ``press`` and ``group`` of every frame."""
+    """Return packed answers with ``press`` and ``group`` of every frame.
+
+    Args:
+        kind: "contacts" or "plate".
+        answers: True answer to every frame.
+        clusters: Press that every frame belongs to.
+        groups: Group of every frame.
+    """
     return {**pack(answers, kind), "press": np.array(clusters), "group": np.array(groups)}

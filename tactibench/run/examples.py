@@ -19,8 +19,9 @@ from tactibench.run.predict import blinded
 EXAMPLES = 24
 """Test frames that stay with a run: enough for its pictures."""
 CHANNELS = 6
-"""Channels of a layer that are kept: those that vary most over the frame."""
+"""Channels of a layer that are stored: those that vary most over the frame."""
 FEATURE = "feature."
+"""Begins the names of arrays of features."""
 
 
 def example_arrays(
@@ -29,21 +30,21 @@ def example_arrays(
     model: Model | None,
     rows: Sequence[int] | None = None,
 ) -> Arrays:
-    """Return frames of a test, and what the model's layers make of one of them.
+    """Return frames of a test, and the features of the model's layers for one of them.
 
     Args:
-        frames: of the whole test.
-        truth: of every frame.
-        model: whose features are kept, if it shows them; None: no model's are.
-        rows: of the frames that are kept; None: spread over all.
+        frames: Frames of the whole test.
+        truth: True answer to every frame.
+        model: Model whose features are stored, if it shows them; None for no features.
+        rows: Rows of the frames that are stored; None: rows spread over all frames.
 
     Returns:
-        index (E,) and images, or channels (E, ...). With features: features_row (), the first
+        index (E,) and images or channels (E, ...). With features also features_row (), the first
         frame with the most contacts, and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W)
         float16.
 
     Raises:
-        UserError: for features that are no finite (C, H, W).
+        UserError: The features of a layer are no finite (C, H, W) array.
     """
     rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
     name = "channels" if holds_channels(frames) else "images"
@@ -60,7 +61,17 @@ def example_arrays(
 
 
 def pack_features(features: Mapping[str, npt.NDArray[Any]]) -> Arrays:
-    """Return the most varied channels of every layer, in the layers' order."""
+    """Return the channels of every layer that vary most, in the layers' order.
+
+    Args:
+        features: Name of a layer -> (C, H, W) values.
+
+    Returns:
+        ``feature.<number>.<channels>.<layer>`` -> (<= 6, H, W) float16.
+
+    Raises:
+        UserError: The features of a layer are no finite (C, H, W) array.
+    """
     arrays = {}
     for k, (name, values) in enumerate(features.items()):
         if values.ndim != 3 or not np.isfinite(values).all():
@@ -74,7 +85,10 @@ def pack_features(features: Mapping[str, npt.NDArray[Any]]) -> Arrays:
 
 
 def unpack_features(arrays: Arrays) -> list[tuple[str, int, npt.NDArray[Any]]]:
-    """Return layer, its number of channels, and (<= 6, H, W) of them: undo ``pack_features``."""
+    """Return name, number of channels and stored channels (<= 6, H, W) of every layer.
+
+    This undoes ``pack_features``.
+    """
     features = []
     for key in sorted(name for name in arrays if name.startswith(FEATURE)):
         _, _, channels, name = key.split(".", 3)

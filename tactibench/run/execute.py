@@ -1,4 +1,4 @@
-"""One run: frames, weights, raw predictions, raw times, and only then the score."""
+"""A run: frames, weights, raw predictions, raw times, and only then the score."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ from tactibench.run.timing import Speed
 from tactibench.run.train import train_model
 
 FLOOR = frozenset({"surface_floor_mm", "surface_excess_mm"})
+"""Metrics that need the floor of the encoder."""
 SURFACE = FLOOR | {"surface_rmse_mm"}
-"""Metrics that need the floor of the encoder, and those that need the true surfaces."""
+"""Metrics that need the true surfaces."""
 
 
 def execute(
@@ -43,15 +44,15 @@ def execute(
     """Carry a plan out and store the run. Interrupted work is continued by the same call.
 
     Args:
-        plan: what is run.
-        store: folder of the run store.
-        reporter: shows the work.
-        fresh: ask the model again, even if its predictions for these frames are kept.
-        timed: measure how long an answer takes; many runs of one model need that once.
+        plan: The plan of the run.
+        store: Folder of the run store.
+        reporter: Shows the work.
+        fresh: Whether to predict again even if predictions for these frames are in the cache.
+        timed: Whether to measure how long an answer takes; many runs of one model need that once.
 
     Raises:
-        UserError: before any work for metrics that do not exist or do not fit; later for a model
-            that answers something else than it declared, and where the answers cannot be scored.
+        UserError: Before any work: a metric does not exist or does not fit. Later: the model
+            answers something else than it declared, or the answers cannot be scored.
     """
     check_metrics(plan.protocol)
     if not fresh and unscored_run(store, plan.name) is not None:
@@ -100,7 +101,7 @@ def _answer(
 
 
 def _evaluation(plan: RunPlan) -> type[Evaluation]:
-    """The kind of test that a protocol asks for; only its module is imported."""
+    """Return the class of the test that a plan needs; only its module is imported."""
     if plan.spec.transfer is not None:
         from tactibench.run.few_shot import FewShotEvaluation
 
@@ -119,10 +120,10 @@ def _evaluation(plan: RunPlan) -> type[Evaluation]:
 def _add_simulated_truth(
     plan: RunPlan, test: TestFrames, truth: Arrays, maps: Arrays, reporter: Reporter
 ) -> None:
-    """Add what only a simulator knows, for the metrics that need it.
+    """Add the ground truth that only a simulator has, for the metrics that need it.
 
-    True surfaces beside heatmaps and how well the encoder can draw them, Cramer-Rao bounds,
-    two-point limits beside a threshold.
+    These are the true surfaces and the encoder's floor for heatmaps, Cramer-Rao bounds, and
+    two-point limits for a threshold.
     """
     names, grid = plan.spec.metrics.names, plan.spec.grid.grid()
     context = SensorContext(np.random.SeedSequence(plan.spec.data_seed))
@@ -144,15 +145,15 @@ def _add_simulated_truth(
                 contacts = [answer for answer in test.truth if isinstance(answer, Contacts)]
                 main = contacts[: len(surfaces)]
                 maps["floor"] = surface_floor(encoder, main, surfaces, grid, depth)
-        known = (
+        simulated = (
             ("rmse_over_bound", "bound", "Cramer-Rao bounds", true_bounds),
             ("threshold_mm", "limit", "two-point limits", true_limits),
         )
-        for metric, name, title, find in known:
+        for metric, name, title, find in simulated:
             if metric in names:
-                found = _join_sets(title, test.sets[: test.main], partial(find, sensor), reporter)
-                if found is not None:
-                    truth[name] = found
+                array = _join_sets(title, test.sets[: test.main], partial(find, sensor), reporter)
+                if array is not None:
+                    truth[name] = array
 
 
 def _join_sets(
@@ -161,7 +162,14 @@ def _join_sets(
     compute: Callable[[Presses], npt.NDArray[Any] | None],
     reporter: Reporter,
 ) -> npt.NDArray[Any] | None:
-    """Arrays of all sets in one, or None when the sensor does not know one of them."""
+    """Return the arrays of all sets, joined; None when the sensor does not know one of them.
+
+    Args:
+        title: Title of the task that the reporter shows.
+        sets: Presses.
+        compute: Function from presses to their array.
+        reporter: Shows the work.
+    """
     arrays = []
     with reporter.task(title, len(sets)) as advance:
         for presses in sets:

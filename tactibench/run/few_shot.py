@@ -1,10 +1,10 @@
 """Tests after a few labelled frames of the tested sensor.
 
 A protocol that changes the sensor names several numbers of labelled frames. Every test frame is
-answered once for each; those answers are a group of their own, named by that number. A model that
-cannot adapt is shown none and has the group "0".
+answered once for each number, and these answers are a group that is named by the number. A model
+that cannot adapt is shown no labelled frame and has the group "0".
 
-Another protocol is asked for one number with ``--test shots=N``. Its groups stay what they are.
+With other protocols ``--test shots=N`` requests one number. Their groups stay the same.
 """
 
 from __future__ import annotations
@@ -29,7 +29,15 @@ Row = TypeVar("Row")
 
 
 class AdaptedEvaluation(Evaluation):
-    """The test of a model that was shown labelled presses of the tested sensor."""
+    """The test of a model that has adapted to labelled presses of the tested sensor.
+
+    Attributes:
+        count: Number of labelled presses.
+        chosen: What the model chose when it adapted.
+
+    Raises:
+        UserError: The labels do not fit the frames, or the model cannot adapt.
+    """
 
     def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
         super().__init__(plan, model, test, reporter)
@@ -42,13 +50,13 @@ class AdaptedEvaluation(Evaluation):
         with reporter.task("adapt", self.count) as advance:
             chosen = model.adapt(list(presses.frames), labels)
             advance(self.count)
-        # A model may say so only when it is asked, by its parameters or its training.
+        # Whether a model adapts may depend on its parameters or its training.
         if chosen is None:
             raise cannot_adapt(plan.components.model.label)
         self.chosen = chosen
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
-        """Return what the model was shown of the tested sensor, and what it chose."""
+        """Return the frames of the tested sensor that the model was shown, and its choices."""
         return {
             "of_tested_sensor": {
                 "rest_image": True,
@@ -60,7 +68,17 @@ class AdaptedEvaluation(Evaluation):
 
 
 class FewShotEvaluation(Evaluation):
-    """The test of a model on another sensor, once for each number of labelled frames of it."""
+    """The test of a model on another sensor, once for each number of its labelled frames.
+
+    Attributes:
+        counts: Numbers of labelled frames; (0,) for a model that cannot adapt.
+        frames: Labelled frames of the tested sensor.
+        labels: True answers to these frames.
+        adapts: Whether the model can adapt.
+
+    Raises:
+        UserError: The labels do not fit the frames.
+    """
 
     def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
         super().__init__(plan, model, test, reporter)
@@ -76,9 +94,9 @@ class FewShotEvaluation(Evaluation):
             check_labelled(self.frames, self.labels, test.frames[0], plan.context())
 
     def predict(self) -> Predictions:
-        """Return answers after each number of labelled frames; heatmaps are those without any.
+        """Return the answers after each number of labelled frames, one number after the other.
 
-        The model is left as it was trained.
+        The heatmaps are those without labelled frames. The model is left as it was trained.
         """
         frames = self.test.frames
         answers: Answers = []
@@ -103,7 +121,7 @@ class FewShotEvaluation(Evaluation):
         )
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
-        """Return what the model was shown of the tested sensor, and what it chose."""
+        """Return the frames of the tested sensor that the model was shown, and its choices."""
         frames = self.plan.frames
         adapted = []
         if self.adapts:
@@ -125,7 +143,7 @@ class FewShotEvaluation(Evaluation):
 
 
 def repeat(rows: Sequence[Row], counts: Sequence[int]) -> list[Row]:
-    """Return something of every test frame, once for each number of labelled frames."""
+    """Return the rows of all test frames, once for each number of labelled frames."""
     return list(rows) * len(counts)
 
 

@@ -1,6 +1,6 @@
-"""Tests on hard cases: a frame on which a model fails is counted, and the run goes on.
+"""Tests on hard cases: a frame on which a model fails is counted, and the run continues.
 
-Every other protocol stops at such a frame, loudly.
+With every other protocol the run stops at such a frame with an error.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from tactibench.run.timing import Speed
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
 """Arrays of ``failure_arrays``: kind of type, and shape of a row."""
 LONGEST_CAUSE = 200
-"""Characters of a cause that are kept: a message may hold a whole array."""
+"""Characters of a cause that are stored: a message may hold a whole array."""
 MOST_CAUSES = 20
-"""Causes that a record names; it counts all."""
+"""Causes that a record names; it counts the frames of all causes."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Failure:
     """A frame without an answer.
 
     Attributes:
-        row: of the frame.
-        raised: whether an exception was raised; otherwise a number was not finite.
-        cause: type and message of the exception, on one line.
+        row: Row of the frame.
+        raised: Whether an exception was raised; otherwise a number was not finite.
+        cause: Type and message of the exception, on one line.
     """
 
     row: int
@@ -58,7 +58,7 @@ class HardCaseEvaluation(Evaluation):
     """
 
     def predict(self) -> Predictions:
-        """Return the answers, no contacts where the model failed, and the failures beside them."""
+        """Return the answers, with no contacts where the model failed, and the failures."""
         frames = self.test.frames
         with self.reporter.task("predict", len(frames)) as advance:
             answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
@@ -74,16 +74,23 @@ class HardCaseEvaluation(Evaluation):
         return example_arrays(self.test.frames, self.test.truth, None, sorted(first.values()))
 
     def record(self, predictions: Predictions) -> dict[str, Any]:
-        """Return how many frames the model failed on, and the causes."""
+        """Return the number of frames on which the model failed, and the causes."""
         return {"failures": failures_record(predictions.arrays, self.test.groups)}
 
 
 def predict_or_fail(
     model: Model, frames: Sequence[Frame], rules: AnswerRules, advance: Any
 ) -> tuple[Answers, list[Failure]]:
-    """Return ``predict_frames``'s answers, no contacts where the model fails, and the failures.
+    """Return the answers of ``predict_frames``, and the frames on which the model failed.
 
-    An exception that is none of the model's, such as an interruption, is not caught.
+    The answer to such a frame has no contacts. An exception that does not come from the model, such
+    as an interruption, is not caught.
+
+    Args:
+        model: The trained model.
+        frames: Test frames.
+        rules: Limits of the answers.
+        advance: Function that is called after every frame.
     """
     answers: Answers = []
     failures: list[Failure] = []
@@ -100,7 +107,10 @@ def predict_or_fail(
 
 
 def failure_arrays(failures: Sequence[Failure]) -> Arrays:
-    """Return failed (F,) rows, raised (F,) and cause (F,): they are stored with the answers."""
+    """Return the arrays that are stored with the answers, for F frames without an answer.
+
+    These are failed (F,) rows of the frames, raised (F,) and cause (F,).
+    """
     return {
         "failed": np.array([failure.row for failure in failures], dtype=np.int64),
         "raised": np.array([failure.raised for failure in failures], dtype=bool),
@@ -109,16 +119,21 @@ def failure_arrays(failures: Sequence[Failure]) -> Arrays:
 
 
 def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[str, Any]:
-    """Return how many frames failed, and every cause with its first case and its frames."""
+    """Return the number of failed frames, and causes with their first case and number of frames.
+
+    Args:
+        arrays: Arrays of ``failure_arrays``.
+        groups: Group of every test frame.
+    """
     causes: dict[str, dict[str, Any]] = {}
     for row, cause in zip(arrays["failed"].tolist(), arrays["cause"].tolist(), strict=True):
-        known = causes.setdefault(cause, {"cause": cause, "first": groups[row], "frames": 0})
-        known["frames"] += 1
+        entry = causes.setdefault(cause, {"cause": cause, "first": groups[row], "frames": 0})
+        entry["frames"] += 1
     return {"frames": len(arrays["failed"]), "causes": list(causes.values())[:MOST_CAUSES]}
 
 
 def _cause(error: BaseException) -> str:
-    """Type and message of an exception on one line: ValueError: shapes do not fit."""
+    """Return type and message of an exception on one line: "ValueError: shapes do not fit"."""
     message = error.found if isinstance(error, BadAnswerError) else str(error)
     text = " ".join(f"{type(error).__name__}: {message}".split())
     return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

@@ -1,15 +1,15 @@
 """Latency: how long one call takes, phase by phase.
 
-A call is given one frame, as in a closed loop, or a batch of frames. It warms up until two
-successive blocks of calls have medians that differ by less than 2 %, then keeps every raw time,
-and beside it the processor time of the process. Scoring is never inside a call. The number of
-threads is set by the caller and only noted here.
+A call is given one frame, as in a closed loop, or a batch of frames. Calls warm up until two
+successive blocks have medians that differ by less than 2 %. Then every raw time is stored, with the
+processor time of the process. Scoring is never inside a call. The caller sets the number of
+threads; this module only records it.
 
-Times are *settled* when the warm-up ended by itself and the machine was quiet. On one thread
-processor and wall time agree within 10 %: a process that waited has less, one that computed on
-other threads has more. Several threads wait for each other, so there other processes and other
-machines took at most 10 % of the processors, and the process computed for at least 90 % of the
-time.
+Times are *settled* when the warm-up ended by itself and the machine was quiet. On one thread that
+means that processor and wall time agree within 10 %: a process that waited has less processor time,
+and one that computed on other threads has more. Several threads wait for each other. With them the
+machine was quiet when other processes and other machines took at most 10 % of the processors, and
+the process computed for at least 90 % of the time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,13 @@ Clock = Callable[[], float]
 
 
 class Clocks(NamedTuple):
-    """The clocks of a timing: seconds of the wall and of the process, and the machine's load."""
+    """The clocks of a timing.
+
+    Attributes:
+        wall: Returns wall time, s.
+        processor: Returns processor time of the process, s.
+        counters: Returns the counters of the machine's load.
+    """
 
     wall: Clock = time.perf_counter
     processor: Clock = time.process_time
@@ -46,10 +52,10 @@ Times = list[list[float]]
 SETTLED_WITHIN = 0.02
 """Relative difference of the medians of two blocks of calls at which a warm-up ends."""
 BLOCK = 20
-"""Calls of a block: enough for a median that a neighbour's work does not move."""
+"""Calls of a block: enough for a median that other work on the machine does not move."""
 READING_MS = 0.003
-"""Time that reading the clocks of a phase takes at most: processor and wall time of a call of few
-microseconds differ by it."""
+"""Longest time that reading the clocks of a phase takes, ms: processor and wall time of a call of a
+few microseconds differ by it."""
 WARMUP_BLOCKS = 25
 """Blocks after which a warm-up ends although it has not settled."""
 
@@ -63,15 +69,19 @@ class LatencySample:
     """Raw times of one way to compute.
 
     Attributes:
-        phases: their names, in order.
-        raw_ms: (calls, phases) milliseconds.
-        warm: whether the warm-up ended by itself.
-        warmup_calls: calls of the warm-up.
-        threads: as the caller set them.
-        batch: frames in a call.
-        cpu_ms: (calls, phases) milliseconds of processor time of the whole process, the same shape;
-            None where it was not measured.
-        load: of the machine meanwhile.
+        phases: Names of the phases, in order.
+        raw_ms: (calls, phases) wall time, ms.
+        warm: Whether the warm-up ended by itself.
+        warmup_calls: Number of calls of the warm-up.
+        threads: Number of threads that the caller set.
+        batch: Number of frames in a call.
+        cpu_ms: (calls, phases) processor time of the whole process, ms; None where it was not
+            measured.
+        load: Load of the machine meanwhile.
+
+    Raises:
+        ValueError: The times are no (calls, phases) array with at least one call, or ``raw_ms`` and
+            ``cpu_ms`` differ in shape.
     """
 
     phases: tuple[str, ...]
@@ -104,7 +114,7 @@ class LatencySample:
 
     @property
     def quiet(self) -> bool:
-        """Return whether nothing else took part of the times, as far as that can be known."""
+        """Return whether other work did not disturb the times; False where it is not known."""
         if self.cpu_ms is None:
             return False
         wall, load = float(self.raw_ms.sum()), self.load
@@ -123,18 +133,21 @@ class LatencySample:
 
     @property
     def total_ms(self) -> npt.NDArray[np.float64]:
-        """Return (calls,) the time of a whole call, ms."""
+        """Return the time of every whole call, (calls,) ms."""
         return np.asarray(self.raw_ms.sum(axis=1), dtype=np.float64)
 
     def rows(self, scenario: str) -> list[dict[str, Any]]:
-        """Return a row of a record for each phase and one for the phase "total", ms a call.
+        """Return a row of a record for each phase and one for the phase "total", ms per call.
 
-        per_s is the same in every row: frames per second of the whole call, from its mean.
-        Quantiles interpolate linearly. p50 <= p90 <= p99 always; the quantiles of phases do not
+        per_s is the same in every row: frames per second of whole calls, from their mean time.
+        Quantiles interpolate linearly. p50 <= p90 <= p99 always, but the quantiles of phases do not
         add up.
+
+        Args:
+            scenario: "single" or "offline".
         """
-        whole = self.total_ms
-        per_s = 1e3 * self.batch / float(whole.mean()) if whole.any() else float("inf")
+        total = self.total_ms
+        per_s = 1e3 * self.batch / float(total.mean()) if total.any() else float("inf")
         columns = {name: self.raw_ms[:, k] for k, name in enumerate(self.phases)}
         cpu: dict[str, float] = {}
         if self.cpu_ms is not None:
@@ -142,7 +155,7 @@ class LatencySample:
             cpu = dict(zip(self.phases, map(float, means), strict=True))
             cpu["total"] = float(means.sum())
         rows = []
-        for phase, times in {**columns, "total": whole}.items():
+        for phase, times in {**columns, "total": total}.items():
             p50, p90, p99 = (float(q) for q in np.quantile(times, (0.5, 0.9, 0.99)))
             rows.append(
                 {
@@ -177,22 +190,23 @@ def time_calls(
     block: int = BLOCK,
     warmup_blocks: int = WARMUP_BLOCKS,
 ) -> LatencySample:
-    """Time the stages, each given what the one before returned, on lists of frames.
+    """Time stages on lists of frames; each stage is given what the stage before returned.
 
     Args:
-        stages: of the model.
-        frames: are taken in turn, again from the first when they are used up.
-        batch: frames of a call.
-        threads: as the caller set them.
-        calls: that are timed.
-        budget_s: seconds after which the warm-up counts as not settled and the timing stops, though
-            never before one block of timed calls.
-        clocks: what is read.
-        block: calls of a block.
-        warmup_blocks: of the warm-up, at most.
+        stages: Stages of the model.
+        frames: Frames that are taken in turn, again from the first when they are used up.
+        batch: Number of frames of a call.
+        threads: Number of threads that the caller set.
+        calls: Number of calls that are timed.
+        budget_s: Seconds after which the warm-up counts as not settled and the timing stops, but
+            never before one block of timed calls; None for no limit.
+        clocks: Clocks that are read.
+        block: Number of calls of a block.
+        warmup_blocks: Most blocks of the warm-up.
 
     Raises:
-        ValueError: for a job that cannot be timed.
+        ValueError: There is no stage, frame or call, two phases have one name, a phase is called
+            "total", or the batch is empty.
     """
     phases = _check(stages, frames, calls)
     source = cycle(batches(frames, batch))
@@ -223,40 +237,41 @@ def time_in_rounds(
 ) -> dict[str, LatencySample]:
     """Time several lists of stages in turns, so that all meet the same noise.
 
-    Each warms up first, as in ``time_calls``; then ``rounds`` times each is called ``calls /
-    rounds`` times.
+    Each list warms up first, as in ``time_calls``. Then there are ``rounds`` rounds, in which each
+    list is called ``calls / rounds`` times.
 
     Args:
-        models: name -> stages.
-        frames: are taken in turn by each; a mapping has those of every name.
-        batch: frames of a call.
-        threads: as the caller set them.
-        calls: of each.
-        rounds: how many turns each has.
-        budget_s: seconds for all warm-ups together, and as many for all rounds, of which the first
-            is always finished.
-        clocks: what is read.
-        block: calls of a block of the warm-up.
-        advance: is told of every finished round.
+        models: Name -> stages.
+        frames: Frames that each list takes in turn; a mapping has the frames of every name.
+        batch: Number of frames of a call.
+        threads: Number of threads that the caller set.
+        calls: Number of calls of each list.
+        rounds: Number of rounds.
+        budget_s: Seconds for all warm-ups together, and as many for all rounds, of which the first
+            is always finished; None for no limit.
+        clocks: Clocks that are read.
+        block: Number of calls of a block of the warm-up.
+        advance: Function that is called after every round.
 
     Raises:
-        ValueError: for a job that cannot be timed.
+        ValueError: There are no rounds or fewer calls than rounds, a list has no stage or frame,
+            two phases have one name, a phase is called "total", or the batch is empty.
     """
     if rounds < 1 or calls < rounds:
         raise ValueError(f"{calls} calls in {rounds} rounds: at least one call a round is needed")
-    own = frames if isinstance(frames, Mapping) else dict.fromkeys(models, frames)
-    sources = {name: cycle(batches(own[name], batch)) for name in models}
+    frames_of = frames if isinstance(frames, Mapping) else dict.fromkeys(models, frames)
+    sources = {name: cycle(batches(frames_of[name], batch)) for name in models}
     share = None if budget_s is None else budget_s / max(1, len(models))
     warm: dict[str, tuple[bool, int]] = {}
     raw: dict[str, Times] = {name: [] for name in models}
     cpu: dict[str, Times] = {name: [] for name in models}
     with _no_collection():
         for name, stages in models.items():
-            _check(stages, own[name], calls)
+            _check(stages, frames_of[name], calls)
             over = _deadline(share, clocks.wall)
             warm[name] = _warm_up(stages, sources[name], clocks, over, block, WARMUP_BLOCKS)
         over = _deadline(budget_s, clocks.wall)
-        # Over all turns: those of one model are too short for ticks of 10 ms.
+        # Over all rounds: the calls of one model in a round are too short for ticks of 10 ms.
         before = clocks.counters()
         for number in range(rounds):
             if number and over():
@@ -281,12 +296,16 @@ def time_in_rounds(
 
 
 def offline_block(batch: int) -> int:
-    """Return how many calls make a block: few, because a call of a large batch is long."""
+    """Return the number of calls of a block: few, because a call of a large batch is long."""
     return BLOCK // 4 if batch <= 8 else 1
 
 
 def batches(frames: Sequence[Any], batch: int) -> list[list[Any]]:
-    """Return lists of ``batch`` frames, all taken in turn, the first ones again at the end."""
+    """Return lists of ``batch`` frames, all taken in turn, the first ones again at the end.
+
+    Raises:
+        ValueError: ``batch`` is less than 1.
+    """
     if batch < 1:
         raise ValueError(f"batch is {batch}, it must be at least 1")
     endless = cycle(frames)
@@ -307,7 +326,12 @@ def _no_collection() -> Iterator[None]:
 
 
 def _check(stages: Sequence[Stage], frames: Sequence[Any], calls: int) -> tuple[str, ...]:
-    """The phases' names. Raises ValueError for a job that cannot be timed."""
+    """Return the names of the phases.
+
+    Raises:
+        ValueError: There is no stage, frame or call, two phases have one name, or a phase is called
+            "total".
+    """
     phases = tuple(name for name, _ in stages)
     if not stages or not frames or calls < 1:
         raise ValueError("timing needs at least one stage, one frame and one call")
@@ -317,7 +341,7 @@ def _check(stages: Sequence[Stage], frames: Sequence[Any], calls: int) -> tuple[
 
 
 def _deadline(budget_s: float | None, clock: Clock) -> Callable[[], bool]:
-    """Tells whether that many seconds have passed since now."""
+    """Return a function that tells whether ``budget_s`` seconds have passed since now."""
     start = clock()
     return lambda: budget_s is not None and clock() - start >= budget_s
 
@@ -330,7 +354,11 @@ def _warm_up(
     block: int,
     blocks: int,
 ) -> tuple[bool, int]:
-    """Call until two successive blocks agree. Returns whether they did, and the calls made."""
+    """Call the stages until two successive blocks agree.
+
+    Returns:
+        Whether two blocks agreed, and the number of calls.
+    """
     before = float("inf")
     done = 0
     while done < block * blocks and not over():
@@ -346,7 +374,7 @@ def _warm_up(
 
 
 def _call(stages: Sequence[Stage], value: Any, clocks: Clocks, raw: Times, cpu: Times) -> None:
-    """Call the stages once; add the seconds of every stage, of the wall and of the process."""
+    """Call the stages once; append the wall and processor seconds of every stage."""
     wall, processor, _ = clocks
     computed, marks = [processor()], [wall()]
     for _, stage in stages:

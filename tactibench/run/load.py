@@ -1,8 +1,8 @@
-"""The load of the machine while something is timed: what was stolen, and what others computed.
+"""The load of the machine while something is timed: stolen time, and work of other processes.
 
-Linux counts in ``/proc/stat`` what each processor did in ticks of usually 10 ms; a hypervisor's
-share for other machines is "steal". What was computed and is not of this process is *foreign*.
-Other systems do not say: every share is then None, not known.
+Linux counts in ``/proc/stat`` what each processor did, in ticks of usually 10 ms; time that a
+hypervisor gave to other machines is "steal". Work that is not of this process is *foreign*. Other
+systems have no such counters: every share is then None, not known.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 QUIET = 0.1
-"""Largest share of processor time that may be stolen or foreign, and by which processor and wall
-time of one thread may differ: beyond it a median moves by more than seeds of one model differ."""
+"""Largest share of processor time that may be stolen or foreign, and largest share by which
+processor and wall time of one thread may differ: beyond it a median moves by more than the seeds of
+one model differ."""
 WINDOW_S = 0.2
-"""Seconds below which no share is known: a tick of each processor would count 5 % and more."""
+"""Seconds below which no share is known: a tick of each processor would count 5 % or more."""
 
 _STAT = Path("/proc/stat")
 
 
 @dataclass(frozen=True)
 class Counters:
-    """Seconds since the start of the machine, over the processors that this process may use.
+    """Seconds since the start of the machine, summed over the processors that this process may use.
 
     Attributes:
-        busy_s: anybody computed.
-        stolen_s: a hypervisor computed for other machines.
-        total_s: all, idle time too.
-        processors: how many.
-        own_s: this process computed.
+        busy_s: Time in which any process computed, s.
+        stolen_s: Time in which a hypervisor computed for other machines, s.
+        total_s: All time, idle time included, s.
+        processors: Number of processors.
+        own_s: Time in which this process computed, s.
     """
 
     busy_s: float
@@ -46,9 +47,10 @@ class Load:
     """The load while something was timed.
 
     Attributes:
-        stolen: share of the time of the processors that a hypervisor took.
-        foreign: share that other processes computed, children of this one among them.
-        average: load average of the last minute, at the end.
+        stolen: Share of the processors' time that a hypervisor took; None where it is not known.
+        foreign: Share in which other processes computed, children of this process among them; None
+            where it is not known.
+        average: Load average of the last minute, at the end; None where it is not known.
     """
 
     stolen: float | None = None
@@ -64,7 +66,7 @@ class Load:
 
     @property
     def quiet(self) -> bool | None:
-        """Return whether that share is small; None where it is not known."""
+        """Return whether the stolen and foreign share is small; None where it is not known."""
         return None if self.others is None else self.others <= QUIET
 
 
@@ -75,22 +77,33 @@ Counter = Callable[[], Counters | None]
 def counters(
     processor: Callable[[], float] = time.process_time, path: Path = _STAT
 ) -> Counters | None:
-    """Return the counters of now; None where the system has none."""
-    own = processor()
+    """Return the present counters; None where the system has none.
+
+    Args:
+        processor: Returns the processor time of this process, s.
+        path: The file /proc/stat.
+    """
+    own_s = processor()
     try:
         text = path.read_text(encoding="ascii", errors="replace")
         cpus = os.sched_getaffinity(0)
         tick_s = 1 / os.sysconf("SC_CLK_TCK")
     except (OSError, AttributeError, ValueError):
         return None
-    return parse_stat(text, cpus, own, tick_s)
+    return parse_stat(text, cpus, own_s, tick_s)
 
 
 def parse_stat(text: str, cpus: Collection[int], own_s: float, tick_s: float) -> Counters | None:
     """Return the counters in the text of /proc/stat; None for a text without these processors.
 
     The columns are user, nice, system, idle, iowait, irq, softirq, steal; the guests that follow
-    are in user and nice already (proc(5)).
+    are counted in user and nice already (proc(5)).
+
+    Args:
+        text: Text of /proc/stat.
+        cpus: Numbers of the processors that are counted.
+        own_s: Processor time of this process, s.
+        tick_s: Duration of a tick, s.
     """
     busy, stolen, total, count = 0, 0, 0, 0
     for line in text.splitlines():
@@ -115,8 +128,8 @@ def load_between(before: Counters | None, after: Counters | None) -> Load:
     total = after.total_s - before.total_s
     if total < WINDOW_S * after.processors:
         return Load(average=average)
-    own = after.own_s - before.own_s
-    foreign = max(0.0, after.busy_s - before.busy_s - own)
+    own_s = after.own_s - before.own_s
+    foreign = max(0.0, after.busy_s - before.busy_s - own_s)
     stolen = max(0.0, after.stolen_s - before.stolen_s)
     return Load(min(stolen / total, 1.0), min(foreign / total, 1.0), average)
 
@@ -135,7 +148,7 @@ def machine_load(
     sleep: Callable[[float], None] = time.sleep,
     counter: Counter = counters,
 ) -> Load:
-    """Return the load of the machine while this process waits."""
+    """Return the load of the machine while this process waits for some seconds."""
     before = counter()
     sleep(seconds)
     return load_between(before, counter())

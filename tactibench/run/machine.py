@@ -1,6 +1,6 @@
 """The machine that a run computes on: its fingerprint, its device, and the versions of packages.
 
-Times are ranked only inside one fingerprint. Torch is not imported where that can be avoided: its
+Times are ranked only within one fingerprint. Torch is not imported where that can be avoided: its
 version is read from the installed distribution and the graphics card from the driver, so that the
 fingerprint does not depend on what was imported.
 """
@@ -20,16 +20,24 @@ from tactibench.errors import UserError
 from tactibench.records.identity import installed_versions
 
 PACKAGES = ("numpy", "scipy", "torch", "opencv-contrib-python-headless", "tactibench")
+"""Packages whose versions a record holds."""
 FLAGS = ("amx_bf16", "amx_int8", "amx_tile", "avx2", "avx512_bf16", "avx512f", "avx512_vnni")
-"""Matrix and vector units that decide how fast a network is."""
+"""Matrix and vector units that determine how fast a network is."""
 _DRIVER_NODES = ("/dev/nvidiactl", "/proc/driver/nvidia/gpus", "/dev/dxg", "/dev/kfd")
-"""Files that the drivers of a card make on Linux: NVIDIA's, that of WSL, AMD's."""
+"""Files that the drivers of a card make on Linux: two of NVIDIA, one of WSL, one of AMD."""
 _PROC = Path("/proc")
 _CGROUP = Path("/sys/fs/cgroup/cpu.max")
 
 
 def choose_device(requested: str) -> str:
-    """Return "cpu" or "cuda". Raises UserError for a card that is not there."""
+    """Return "cpu" or "cuda".
+
+    Args:
+        requested: "auto", "cpu" or "cuda"; "auto" is cuda where torch finds a card.
+
+    Raises:
+        UserError: "cuda" is requested, but torch finds no card.
+    """
     if requested == "cpu":
         return "cpu"
     if _has_cuda():
@@ -40,7 +48,12 @@ def choose_device(requested: str) -> str:
 
 
 def cuda_possible(nodes: tuple[str, ...] = _DRIVER_NODES, system: str = sys.platform) -> bool:
-    """Return whether torch could find a card. False is certain; True has to be asked of torch."""
+    """Return whether torch could find a card; False is certain, but only torch can confirm True.
+
+    Args:
+        nodes: Files that the drivers of a card make on Linux.
+        system: Name of the system, as ``sys.platform``.
+    """
     if system == "darwin":
         return False
     return system != "linux" or any(Path(node).exists() for node in nodes)
@@ -52,12 +65,12 @@ def machine() -> dict[str, Any]:
 
 
 def all_threads() -> int:
-    """Return how many logical cores this process may use."""
+    """Return the number of logical cores that this process may use."""
     return int(machine()["cores_logical"] or 1)
 
 
 def environment_facts() -> dict[str, Any]:
-    """Return the fingerprint with its hash, the threads, and the versions of what computes."""
+    """Return the fingerprint with its hash, the number of threads and the versions of packages."""
     facts = machine()
     return {
         **facts,
@@ -70,13 +83,13 @@ def environment_facts() -> dict[str, Any]:
 def fingerprint(*, with_torch: bool = False) -> dict[str, Any]:
     """Return what determines speed on this machine, as JSON values.
 
-    These are cpu, cpu_flags (matrix and vector units), cores_physical, cores_logical (those this
-    process may use), memory_gib, gpu (names), os, python and torch (version). A value that cannot
-    be found is None.
+    These are cpu, cpu_flags (matrix and vector units), cores_physical, cores_logical (those that
+    this process may use), memory_gib, gpu (names), os, python and torch (version). A value that
+    cannot be found is None.
 
     Args:
-        with_torch: import torch to ask for a card that the driver's files do not show; it is asked
-            in any case when it is already imported.
+        with_torch: Whether to import torch to find a card that the driver's files do not show. When
+            torch is imported already, it is always used.
     """
     cpuinfo = _read(_PROC / "cpuinfo")
     cpus = _allowed_cpus()
@@ -111,7 +124,12 @@ def cpu_of(cpuinfo: str) -> tuple[str | None, list[str]]:
 
 
 def physical_cores(cpuinfo: str, cpus: set[int]) -> int | None:
-    """Return how many physical cores are behind logical ones; None where the text is silent."""
+    """Return the number of physical cores of logical ones; None where the text does not tell it.
+
+    Args:
+        cpuinfo: Text of /proc/cpuinfo.
+        cpus: Numbers of the logical cores.
+    """
     cores = {
         (processor["physical id"], processor["core id"])
         for processor in _processors(cpuinfo)
@@ -129,7 +147,7 @@ def _has_cuda() -> bool:
 
 
 def _threads(cores: int | None) -> int:
-    """Threads that predictions were computed with; OMP_NUM_THREADS may be a list of numbers."""
+    """Return the number of threads of predictions; OMP_NUM_THREADS may be a list of numbers."""
     first = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
     return int(first) if first.isdigit() and int(first) else cores or 1
 
@@ -158,7 +176,7 @@ def _allowed_cpus() -> set[int]:
 
 
 def _within_quota(count: int, cpu_max: str) -> int:
-    """Logical cores under a cgroup's limit "QUOTA PERIOD" (microseconds), or "max PERIOD"."""
+    """Return the logical cores within a cgroup's limit, "QUOTA PERIOD" (us) or "max PERIOD"."""
     quota, _, period = cpu_max.strip().partition(" ")
     if quota.isdigit() and period.isdigit() and int(period):
         return max(1, min(count, math.ceil(int(quota) / int(period))))

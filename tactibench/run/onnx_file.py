@@ -1,4 +1,4 @@
-"""A trained network as an ONNX file, with a check that it answers as the model does."""
+"""A trained network as an ONNX file, with a check that its answers are those of the model."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tactibench.plugins.base import Model
 from tactibench.records.files import atomic
 
 MOST_MM = 1e-3
-"""Answers of the file may differ by so much: a thirtieth of the best network's error. float32 sums
-in another order move them by about a millionth of a millimetre."""
+"""Largest difference of the file's answers, mm: a thirtieth of the best network's error. float32
+sums in another order move answers by about a millionth of a millimetre."""
 MOST_SHARE = 1e-3
-"""Raw outputs may differ by this share of the largest: a frame without a contact proves nothing
-about answers."""
+"""Largest difference of raw outputs, as a share of the largest output. It is checked because a
+frame without a contact proves nothing about answers."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class OnnxCheck:
     """The differences between a file and its model.
 
     Attributes:
-        frames: That were answered by both.
-        largest_share: Largest difference of raw outputs, as a share of the largest.
-        largest_mm: Largest difference of x, y and depth of a contact, mm; of a plate's depth, mm,
+        frames: Number of frames that both answered.
+        largest_share: Largest difference of raw outputs, as a share of the largest output.
+        largest_mm: Largest difference of x, y and depth of a contact, mm; for a plate of depth, mm,
             and tilt, deg.
-        inputs: Shape of the inputs; the first is the number of frames, None: any.
+        inputs: Shape of the inputs; the first entry is the number of frames, None for any number.
         outputs: Shape of the outputs of one frame.
     """
 
@@ -46,15 +46,15 @@ class OnnxCheck:
 def export_onnx(
     model: Model, frames: Sequence[Frame], path: Path, facts: dict[str, str]
 ) -> OnnxCheck:
-    """Write the network of a model as ONNX, and only where it answers as the model does.
+    """Write the network of a model as an ONNX file, if its answers are those of the model.
 
-    What comes before the network and after it stays here: ``model.inputs(frames)`` makes its
-    inputs, ``model.answers(outputs)`` reads its outputs.
+    The steps before and after the network are not in the file: ``model.inputs(frames)`` makes the
+    inputs of the network, and ``model.answers(outputs)`` reads its outputs.
 
     Args:
-        model: Trained.
-        frames: That both answer.
-        path: The file.
+        model: A trained model.
+        frames: Frames that both answer.
+        path: The file that is written.
         facts: Texts that the file holds about itself.
 
     Raises:
@@ -91,8 +91,8 @@ def export_onnx(
     with torch.inference_mode():
         wanted = network(inputs).numpy()
     share = float(np.abs(raw - wanted).max() / max(1.0, float(np.abs(wanted).max())))
-    said = model.answers(model.outputs(torch.from_numpy(raw)))
-    largest = largest_difference(model.predict(frames), said)
+    answers = model.answers(model.outputs(torch.from_numpy(raw)))
+    largest = largest_difference(model.predict(frames), answers)
     if not (largest <= MOST_MM and share <= MOST_SHARE):
         raise UserError(
             f"the ONNX file of {name} answers otherwise than the model (by {largest:.3g} mm, "
@@ -105,7 +105,11 @@ def export_onnx(
 
 
 def largest_difference(answers: Sequence[Answer | None], others: Sequence[Answer | None]) -> float:
-    """Return the largest difference of two models' answers; inf where their kinds or counts do."""
+    """Return the largest difference of two models' answers to the same frames.
+
+    It is in mm, or in deg for the tilt of plates, and inf where the kinds of answers or the numbers
+    of contacts differ.
+    """
     return max((_difference(*pair) for pair in zip(answers, others, strict=True)), default=0.0)
 
 
@@ -119,7 +123,14 @@ def _difference(one: Answer | None, other: Answer | None) -> float:
 
 
 def _with_facts(content: bytes, facts: dict[str, str], single: bool) -> bytes:
-    """Return the model with texts about itself, and, where it holds for one frame only, so said."""
+    """Return the bytes of an ONNX model with texts about itself.
+
+    Args:
+        content: Bytes of the model.
+        facts: Name -> text.
+        single: Whether the model takes one frame at a time, which its inputs and outputs then
+            state.
+    """
     import onnx
 
     graph: Any = onnx.load_from_string(content)
@@ -133,11 +144,11 @@ def _with_facts(content: bytes, facts: dict[str, str], single: bool) -> bytes:
 
 
 def _computed(content: bytes, inputs: Any, count: int) -> Any:
-    """Return the outputs of (N, ...) inputs, ``count`` at a time."""
+    """Return the outputs of an ONNX model for (N, ...) inputs, computed ``count`` at a time."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
-    options.log_severity_level = 4  # what fails is raised, too
+    options.log_severity_level = 4  # failures are also raised
     session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     starts = range(0, len(inputs), count)
     rows = [session.run(None, {"inputs": inputs[k : k + count]})[0] for k in starts]

@@ -1,4 +1,4 @@
-"""The plan of a run: what it is made of, what is there already, and its identity."""
+"""The plan of a run: its components, what is in the cache already, and its identity."""
 
 from __future__ import annotations
 
@@ -32,12 +32,23 @@ SHOWS_ONLY = frozenset(
 )
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 MOST_SETS = 6
-"""More sets of frames than these are counted in a plan, not named."""
+"""Most sets of frames that a plan names; of more sets it only tells the number."""
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Everything that is known before a frame is made."""
+    """Everything that is known about a run before a frame is made.
+
+    Attributes:
+        request: The request.
+        protocol: The protocol.
+        components: Model, sensors and encoder.
+        device: "cpu" or "cuda".
+        frames: Plan of the frames.
+        weights: Plan of the weights.
+        published: Published predictions that the run is compared with.
+        hidden: The secret seed of the test presses; None where it is not used.
+    """
 
     request: RunRequest
     protocol: LoadedProtocol
@@ -55,7 +66,7 @@ class RunPlan:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """Return whatever could change the record; its digest names the run."""
+        """Return everything that could change the record; its digest names the run."""
         encoder, frames = self.components.encoder, self.frames
         optional = {
             "tested": frames.test_identity,
@@ -99,12 +110,12 @@ class RunPlan:
 
     @property
     def predictions_file(self) -> Path:
-        """Return where the predictions for the test frames are kept in the cache."""
+        """Return the file of the predictions for the test frames in the cache."""
         cache = self.weights.folder.parents[1]
         return cache / "predictions" / f"{digest(self.identity)[:24]}.npz"
 
     def context(self) -> ModelContext:
-        """Return what the model is told when it is made."""
+        """Return the context in which the model is built."""
         pressed = self.frames.on_range(self.spec)
         return ModelContext(
             answer=self.spec.answer,
@@ -127,7 +138,17 @@ def name_stem(
     presses: int | None = None,
     tested: Sequence[str] = (),
 ) -> str:
-    """Return the name of a run without the hash at its end; ``tested``: texts of ``--test``."""
+    """Return the name of a run without the hash at its end.
+
+    Args:
+        protocol: Id of the protocol.
+        model: Name of the model.
+        regime: Name of the training regime.
+        seed: Seed of the training.
+        quick: Whether it is a quick run.
+        presses: Number of presses that the model learns from; None for all.
+        tested: Texts of ``--test``.
+    """
     terms = [protocol, model, regime]
     if quick:
         terms.append("quick")
@@ -145,17 +166,17 @@ def make_plan(
     cache: Path,
     frame_plans: dict[str, FramePlan] | None = None,
 ) -> RunPlan:
-    """Resolve a request.
+    """Return the plan of a run for a request.
 
     Args:
-        request: What is asked for.
+        request: The request.
         host: The plugins.
         cache: Folder of frames and weights.
-        frame_plans: Plans of the same sweep, by what they are made of. Those that are missing are
+        frame_plans: Plans of frames of the same sweep, by a text of their request. Missing ones are
             added: many cells share their frames, and a plan of frames takes most of the time.
 
     Raises:
-        UserError: For anything that does not exist or fit.
+        UserError: Something in the request does not exist or does not fit.
     """
     protocol = load_protocol(request.protocol)
     spec, test = protocol.spec, request.test
@@ -203,16 +224,16 @@ def make_plan(
 
 
 def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePlan:
-    """Return the plan of the frames, taken from the known ones or added to them."""
+    """Return the plan of the frames, taken from the known plans or added to them."""
     fields = {name: value for name, value in vars(request).items() if name != "protocol"}
-    key = f"{request.protocol.hash} {fields}"  # the hash stands for everything in the file
+    key = f"{request.protocol.hash} {fields}"  # the hash covers everything in the file
     if key not in known:
         known[key] = frame_source(request).plan()
     return known[key]
 
 
 def no_weights(plan: RunPlan) -> UserError:
-    """Return the error of a request whose weights are not in the cache."""
+    """Return the error for a request whose weights are not in the cache."""
     request = plan.request
     return UserError(
         f"there are no trained weights of {plan.components.model.label} in the cache for this "
@@ -222,12 +243,12 @@ def no_weights(plan: RunPlan) -> UserError:
 
 
 def _check_signals(components: Components, frames: FramePlan, host: PluginHost) -> None:
-    """Raise UserError where the model cannot read what a sensor gives."""
+    """Raise UserError where the model cannot read the signals of a sensor of the run."""
     model = components.model.spec
     for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
         if signal not in model.reads:
             reads = " and ".join(model.reads)
-            able = ", ".join(one.name for one in host.models if signal in one.reads)
+            able = ", ".join(other.name for other in host.models if signal in other.reads)
             raise UserError(
                 f"model {model.name!r} reads {reads} frames, but sensor "
                 f"{sensor.name!r} gives {signal} frames; models that read {signal}: "
@@ -238,7 +259,12 @@ def _check_signals(components: Components, frames: FramePlan, host: PluginHost) 
 def _published_predictions(
     request: RunRequest, protocol: LoadedProtocol, frames: FramePlan
 ) -> tuple[PublishedPredictions, ...]:
-    """Predictions for the very test frames of this run; others cannot be compared."""
+    """Return the published predictions for the test frames of this run.
+
+    Raises:
+        UserError: A file is named, but the run is not tested on the published frames or the file is
+            none that was published.
+    """
     if frames.source.published:
         from tactibench.run.published_predictions import find_published
 
@@ -255,7 +281,7 @@ def plan_lines(plan: RunPlan, stored: bool, *, answered: bool = False) -> list[s
     """Return what will be generated, trained and taken from the cache, line by line.
 
     Args:
-        plan: Of the run.
+        plan: The plan of the run.
         stored: Whether the run is in the store and is only shown.
         answered: Whether its answers are in the store and are only scored.
     """
@@ -290,7 +316,7 @@ def plan_lines(plan: RunPlan, stored: bool, *, answered: bool = False) -> list[s
 
 
 def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
-    """``generate 3,600 (singles); take 400 (singles, validation) from the cache``."""
+    """Return a text such as "generate 3,600 frames (singles) on tactip-127; take 400 ..."."""
     counts_by_way: dict[str, dict[str, int]] = {}
     for frames in sets:
         trains = frames.role in {"fit", "validation"}
@@ -311,7 +337,10 @@ def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
 
 
 def _describe_counts(counts: dict[str, int]) -> str:
-    """``3,600 (singles) and 400 (singles, validation)``; of many sets how many there are."""
+    """Return a text such as "3,600 (singles) and 400 (singles, validation)".
+
+    Of many sets it tells only their number.
+    """
     if len(counts) > MOST_SETS:
         return f"{sum(counts.values()):,} ({len(counts)} sets)"
     return " and ".join(f"{count:,} ({name})" for name, count in counts.items())

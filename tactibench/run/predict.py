@@ -1,7 +1,7 @@
 """Predictions of a trained model for the test frames, one frame at a time.
 
-They are kept under the identity of the whole run: a second store, or a run that was stopped while
-it was timed, does not ask the model again.
+They are cached under the identity of the whole run: a run with a second store, or one that was
+stopped while it was timed, does not predict again.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class BadAnswerError(UserError):
     """A model answered something else than it must.
 
     Attributes:
-        found: The sentence for a record, without the source, whose path differs between machines.
+        found: The sentence for a record. It does not name the source, whose path differs between
+            machines.
     """
 
     def __init__(self, found: str, source: str = "the model") -> None:
@@ -49,7 +50,7 @@ class AnswerRules:
 
     Attributes:
         kind: "contacts" or "plate".
-        max_contacts: at most so many a frame; None: any number.
+        max_contacts: Most contacts of a frame; None for any number.
         shape: (rows, columns) of heatmaps.
     """
 
@@ -63,7 +64,7 @@ class Predictions:
     """Predictions for all test frames.
 
     Attributes:
-        arrays: packed answers, as they are stored with a run.
+        arrays: Packed answers, as they are stored with a run.
         maps: (N, H, W) first heatmaps; None where the model shows none.
     """
 
@@ -76,7 +77,7 @@ class Predictions:
         return {} if self.maps is None else {MAPS: self.maps}
 
     def answers(self, kind: str) -> list[Answer | None]:
-        """Return the answers, "contacts" or "plate"."""
+        """Return the answers, which are of a kind "contacts" or "plate"."""
         unpack = unpack_plates if kind == "plate" else unpack_contacts
         return list(unpack(self.arrays))
 
@@ -88,8 +89,14 @@ def predict_frames(
 
     The model is given blinded frames.
 
+    Args:
+        model: The trained model.
+        frames: N test frames.
+        rules: Limits of the answers.
+        advance: Function that is called after every frame.
+
     Raises:
-        UserError: when the model answers something else than it declared.
+        UserError: The model answers something else than it declared.
     """
     answers: Answers = []
     heat: list[HeatMaps] = []
@@ -116,8 +123,8 @@ def predict_frames(
 def blinded(frame: Frame) -> Frame:
     """Return the frame as a model may see it at test time.
 
-    Its pose is the truth, its time tells which press of a set it is, and a mapped signal knows its
-    file: all three are left out.
+    Its pose is the truth, its time tells which press of a set it is, and a memory-mapped signal
+    knows its file: all three are left out.
     """
     signal = cast("Signal", np.array(frame.signal))
     return Frame(signal, 0.0, Pose(), frame.rest)
@@ -126,13 +133,13 @@ def blinded(frame: Frame) -> Frame:
 def cached_predictions(
     path: Path, weights_hash: str, predict: Callable[[], Predictions], *, fresh: bool
 ) -> Predictions:
-    """Return the kept predictions of these very weights, or make and keep them.
+    """Return the cached predictions of weights, or predict and cache the predictions.
 
     Args:
-        path: of the file in the cache.
-        weights_hash: of the model's weights; predictions of other weights are not taken.
-        predict: asks the model.
-        fresh: whether to ask the model in any case.
+        path: File in the cache.
+        weights_hash: Hash of the model's weights; predictions of other weights are not used.
+        predict: Function that predicts.
+        fresh: Whether to predict even if predictions are cached.
     """
     arrays = None if fresh else read_checked_arrays(path, weights_hash)
     if arrays is None:
@@ -146,7 +153,12 @@ def cached_predictions(
 def _checked_answer(
     predicted: object, rules: AnswerRules, model: Model, method: str
 ) -> Answer | None:
-    """Return the one answer of a list. Raises UserError that names the method and its source."""
+    """Return the one answer of a list.
+
+    Raises:
+        UserError: The model gave no list with one answer, or its answer breaks the rules. The
+            message names the method and its source.
+    """
     source = describe_method(model, method)
     if not isinstance(predicted, (Sequence, np.ndarray)) or isinstance(predicted, (str, bytes)):
         raise BadAnswerError(
@@ -173,7 +185,7 @@ def _checked_answer(
             source,
         )
     if isinstance(answer, Contacts):
-        # Contacts refuse such values when they are made; a model may have changed an array since.
+        # Contacts refuse such values when they are made, but a model may change an array later.
         n = len(answer)
         if answer.xy.shape != (n, 2) or answer.score.shape != (n,) or answer.depth.shape != (n,):
             raise BadAnswerError("the model answered contacts whose arrays do not fit", source)
@@ -193,7 +205,7 @@ def _kind(value: object) -> str:
 
 
 def _is_finite(answer: Answer) -> bool:
-    """Return whether all numbers of an answer are numbers, and finite."""
+    """Return whether all values of an answer are finite numbers."""
     if isinstance(answer, PlatePose):
         values: Any = [answer.depth, answer.tilt, *(answer.std or ())]
     else:
@@ -206,7 +218,12 @@ def _is_finite(answer: Answer) -> bool:
 
 
 def _checked_maps(maps: object, shape: tuple[int, int], model: Model) -> npt.NDArray[Any]:
-    """Return the maps as an array. Raises UserError that names ``maps`` and its source."""
+    """Return the maps of one frame as an array, (1, channels, H, W).
+
+    Raises:
+        UserError: The maps are no array of numbers, have another shape or hold a value that is not
+            finite. The message names ``maps`` and its source.
+    """
     source = describe_method(model, "maps")
     try:
         array = np.asarray(maps)

@@ -1,6 +1,6 @@
-"""Predictions that somebody published for a protocol's test frames: where they are, what they say.
+"""Published predictions for a protocol's test frames: where their files are, and their values.
 
-They are read where they ship, beside the data, and never travel with tactibench.
+They are read from files beside the data, which are no part of tactibench.
 """
 
 from __future__ import annotations
@@ -27,10 +27,12 @@ from tactibench.shipped import shipped_folder
 Arrays = dict[str, npt.NDArray[Any]]
 
 _PARENTS = 2
-"""So many folders above --data are searched: it may name a recording or a folder inside it."""
+"""Number of folders above --data that are searched: --data may name a recording or a folder inside
+it."""
 _TOLERANCE_DEG = 1e-3
-"""Published labels are rounded: tilts may differ by so much from those of the folder."""
+"""Largest difference of tilts from those of the folder, deg: published labels are rounded."""
 _CELL = re.compile(r"(?:tensor\()?([^()]*)\)?")
+"""A cell: a number or ``tensor(number)``."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,10 @@ class PublishedPredictions:
     """Predictions of a model for the test frames, row by row.
 
     Attributes:
-        table: name of the published table.
-        model: of the paper.
-        file: name, hash and columns of the file.
-        path: of the file; None where it was not found.
+        table: Name of the published table.
+        model: Name of the model in the paper.
+        file: Name, hash and columns of the file.
+        path: Path of the file; None where it was not found.
     """
 
     table: str
@@ -55,7 +57,7 @@ class PublishedPredictions:
         return {"table": self.table, **self.file.model_dump(mode="json")}
 
     def describe(self) -> str:
-        """Return what a plan says of it."""
+        """Return the text that a plan shows for these predictions."""
         name = f"the released answers of {self.model}"
         if self.path is not None:
             return f"{name}, frame for frame"
@@ -71,12 +73,12 @@ def find_published(
     """Return the predictions of the protocol's published tables.
 
     Args:
-        protocol: names the tables.
-        data: folder beside which files are looked for.
-        given: a file to take instead.
+        protocol: The protocol, which names the tables.
+        data: Folder beside which the files are sought.
+        given: A file to take instead; None to search.
 
     Raises:
-        UserError: for a given file that is not one of those that were published.
+        UserError: The given file cannot be read, or is no file that was published for the protocol.
     """
     tables = load_published(protocol.spec.published.tables, shipped_folder("published"))
     rows = [
@@ -111,18 +113,18 @@ def published_arrays(
 ) -> Arrays:
     """Return packed predictions for test frames, named ``released.<table>.<array>``.
 
-    A published prediction is moved by what its label differs from the truth (a sensor may count
-    depth from elsewhere): its error stays.
+    A published prediction is shifted by the difference between the truth and its label (a sensor
+    may count depth from elsewhere), so its error stays the same.
 
     Args:
-        published: predictions; those that were not found are left out.
-        names: of the published test frames, in the order of the file.
-        pressed: names of the test frames of the run.
-        truth: of the same frames.
+        published: Published predictions; those whose file was not found are left out.
+        names: Names of the published test frames, in the order of the file.
+        pressed: Names of the test frames of the run.
+        truth: True answers to the test frames of the run.
 
     Raises:
-        UserError: for a file that is not one row a name, or whose tilts are not those of the
-            frames.
+        UserError: A file has not one row for every name, a column holds something else than finite
+            numbers, or the tilts are not those of the frames.
     """
     arrays: Arrays = {}
     for predictions in published:
@@ -173,10 +175,10 @@ def _poses(
 
 
 def read_columns(path: Path, names: Sequence[str]) -> npt.NDArray[np.float64]:
-    """Return (N, 2) predictions and labels; a cell is a number or ``tensor(number)``.
+    """Return the columns of a CSV file, (N, len(names)); a cell is a number or ``tensor(number)``.
 
     Raises:
-        UserError: for a column that holds anything else.
+        UserError: The file has no rows, or a cell of the columns holds no finite number.
     """
     with path.open(newline="", encoding="utf-8-sig") as stream:
         rows = list(csv.DictReader(stream))

@@ -1,4 +1,4 @@
-"""The record of a run: what was asked, what it was made from, what came out."""
+"""The record of a run: its request, everything that it was made from, and its results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,15 @@ def make_record(
     predictions: Predictions,
     speed: Speed,
 ) -> Record:
-    """Return the record for ``write_answers``: its metrics follow when they are scored."""
+    """Return the record for ``write_answers``, whose metrics follow when the answers are scored.
+
+    Args:
+        plan: The plan of the run.
+        weights: The trained weights.
+        evaluation: The test.
+        predictions: The answers to the test frames.
+        speed: Times and cost of the model.
+    """
     spec, request, components, frames = plan.spec, plan.request, plan.components, plan.frames
     report = weights.report
     values = {
@@ -91,7 +99,7 @@ def make_record(
 
 
 def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
-    """Return the simulator's own error by test set; nothing for real and finite-element frames."""
+    """Return the simulator's own errors by test set; {} for real and finite-element frames."""
     tested = plan.components.tested.spec
     if tested.origin != "simulated" or tested.reference_of:
         return {}
@@ -102,7 +110,7 @@ def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
 def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
     sensor, tested = plan.components.sensor, plan.components.test_sensor
     described = plan.frames.sensor_identity["describe"]
-    # A recording of a simulator or of emulators says so: its row is not one of a real sensor.
+    # A recording of a simulator or of emulators states that: its row is no row of a real sensor.
     origin = "simulated" if described.get("origin") == "simulated" else sensor.spec.origin
     values = {**sensor.component.json_values(), "origin": origin}
     if sensor.spec.needs_data and {"folder", "sha256"} <= set(described):

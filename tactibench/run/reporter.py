@@ -1,4 +1,4 @@
-"""Progress of long work, and reporters of work that nobody watches."""
+"""Progress of long work, and reporters that show nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Reporter(Protocol):
     """A display of long work."""
 
     def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
-        """Show a task; the function is told of finished items."""
+        """Show a task of ``total`` items; the function is called with numbers of finished items."""
         ...
 
     def training(self) -> AbstractContextManager[Progress]:

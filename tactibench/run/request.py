@@ -1,4 +1,4 @@
-"""The request of a run: what was asked for, before anything is looked up."""
+"""The request of a run: its options, before anything is looked up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tactibench.errors import UserError, did_you_mean
 REFERENCE, HIDDEN, DATA, SHOTS = "reference", "hidden", "data", "shots"
 KINDS = ("model", "sensor", "encoder")
 MOST_SHOTS = 10_000
-"""Labelled presses of a tested sensor: more are a training of its own."""
+"""Most labelled presses of a tested sensor: more of them would be a training of its own."""
 
 
 @dataclass(frozen=True)
@@ -19,11 +19,12 @@ class TestOptions:
     """The sensor and presses of the test, where they are not those of the training.
 
     Attributes:
-        reference: test on the sensor's reference scenes, in place of the protocol's.
-        parameters: of the tested sensor, in place of those of the training.
-        hidden: test on presses drawn from a seed that is kept secret.
-        data: folder of another sensor's recording.
-        shots: labelled single presses of the tested sensor that the model is shown before the test.
+        reference: Whether to test on the sensor's reference scenes in place of the protocol's.
+        parameters: Parameters of the tested sensor in place of those of the training.
+        hidden: Whether to test on presses drawn from a secret seed.
+        data: Folder of another sensor's recording.
+        shots: Number of labelled single presses of the tested sensor that the model is shown before
+            the test.
     """
 
     __test__ = False  # not a test case, whatever its name
@@ -39,7 +40,7 @@ class TestOptions:
 
     @property
     def texts(self) -> list[str]:
-        """Return the options as they are given with ``--test``, and "hidden"."""
+        """Return the options as texts of ``--test``, and "hidden" for hidden presses."""
         return [
             *([] if self.data is None else [f"{DATA}={folder_label(self.data)}"]),
             *([REFERENCE] if self.reference else []),
@@ -54,11 +55,22 @@ class RunRequest:
     """The options of ``tactibench run``; None stands for the protocol's default.
 
     Attributes:
-        presses: learn from so many of the presses that the protocol's split trains on, for a
-            learning curve; None: from all. Validation presses and those that a regime adds stay.
-        test: what is tested on, where it is not what is trained on.
-        published: file of published predictions for the test frames; None: looked for beside the
-            data.
+        protocol: Name or file of the protocol.
+        model: Name of the model.
+        regime: Name of the training regime.
+        sensor: Name of the sensor.
+        encoder: Name of the encoder.
+        data: Folder of recorded frames.
+        seed: Seed of the training.
+        device: "auto", "cpu" or "cuda".
+        parameters: Kind of a plugin ("model", "sensor" or "encoder") -> parameter -> value.
+        quick: Whether to run with few presses, epochs and tests.
+        limit: Most test presses; None for all.
+        presses: Number of presses to learn from, of those that the protocol's split trains on, for
+            a learning curve; None for all. Validation presses and those that a regime adds stay.
+        test: The sensor and presses of the test, where they are not those of the training.
+        published: File of published predictions for the test frames; None to search for it beside
+            the data.
     """
 
     protocol: str
@@ -78,25 +90,33 @@ class RunRequest:
 
     @property
     def partial(self) -> bool:
-        """Return whether the result may not stand on a board."""
+        """Return whether the run is quick or limited, so that its result may not be on a board."""
         return self.quick or self.limit is not None
 
 
 def folder_label(path: Path) -> str:
-    """Return a folder's name and its parent's: records do not hold the machine's paths."""
+    """Return the name of a folder after its parent's: records do not hold the machine's paths."""
     return "/".join(path.resolve().parts[1:][-2:])
 
 
 def data_folder(path: Path | None, option: str = "--data") -> Path | None:
-    """Return the folder given with an option. Raises UserError when it is not there."""
+    """Return the folder that is given with an option, or None where none is given.
+
+    Raises:
+        UserError: The folder does not exist, or the path is no folder.
+    """
     if path is not None and not path.is_dir():
-        what = "is not a folder" if path.exists() else "does not exist"
-        raise UserError(f"the data folder {path} {what}; check {option}.")
+        mistake = "is not a folder" if path.exists() else "does not exist"
+        raise UserError(f"the data folder {path} {mistake}; check {option}.")
     return path
 
 
 def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
-    """Return ``{"model": {"width": "32"}}`` of ``("model.width=32",)``. Raises UserError."""
+    """Return the parameters in texts: ``{"model": {"width": "32"}}`` of ``("model.width=32",)``.
+
+    Raises:
+        UserError: A text is no KIND.NAME=VALUE with a known kind, or a parameter is given twice.
+    """
     parameters: dict[str, dict[str, str]] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -115,8 +135,12 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
 def read_test_options(texts: tuple[str, ...], *, hidden: bool = False) -> TestOptions:
     """Return the options of ``("sensor.instance=1", "shots=50")``, ``("reference",)`` and the like.
 
+    Args:
+        texts: Texts of ``--test``.
+        hidden: Whether to test on presses drawn from a secret seed.
+
     Raises:
-        UserError: for a text that is not understood or is given twice.
+        UserError: A text is not understood, or an option is given twice.
     """
     parameters: dict[str, str] = {}
     folder: Path | None = None

@@ -25,7 +25,7 @@ SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
 THRESHOLD, LIMIT = "threshold_mm", "limit_mm"
 WHOLE = ("all", "mean")
-"""Groups of a metric that stand for all frames of a test."""
+"""Groups of a metric that contain all frames of a test."""
 PUBLISHED = "released."
 """Begins the names of arrays of published predictions: ``released.<table>.<array>``."""
 
@@ -38,11 +38,14 @@ def score_arrays(
     """Return the metric rows of a record.
 
     Args:
-        protocol: names the metrics.
-        truth: packed true answers with ``press`` and ``group`` of every frame, and the predictions
-            that others published for them.
-        predicted: packed answers.
-        maps: heatmaps and true surfaces, where there are any.
+        protocol: The protocol, which names the metrics.
+        truth: Packed true answers with ``press`` and ``group`` of every frame, and published
+            predictions for these frames.
+        predicted: Packed answers.
+        maps: Heatmaps and true surfaces, where there are any.
+
+    Raises:
+        UserError: A metric does not apply to the answers.
     """
     from tactibench.metrics.score import score
     from tactibench.metrics.trials import PlateTrials
@@ -50,7 +53,7 @@ def score_arrays(
     seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(SCORING_STREAM,))
     trials = trials_of(protocol, truth, predicted, maps)
     names: tuple[str, ...] = protocol.metrics.names
-    if "limit" in truth:  # it stands beside the threshold, where the sensor knows it
+    if "limit" in truth:  # it is shown after the threshold where the sensor knows it
         after = names.index(THRESHOLD) + 1
         names = (*names[:after], LIMIT, *names[after:])
     if isinstance(trials, PlateTrials) and trials.published:
@@ -59,15 +62,15 @@ def score_arrays(
         names = (*names, *(name for name in PUBLISHED_NAMES if name not in names))
     metrics = score(names, trials, rng=np.random.default_rng(seed))
     for test in protocol.test.apart:
-        own = trials_of(protocol, truth, predicted, apart=test)
-        if len(own):
-            rows = score(test.metrics, own, rng=np.random.default_rng(seed))
+        apart = trials_of(protocol, truth, predicted, apart=test)
+        if len(apart):
+            rows = score(test.metrics, apart, rng=np.random.default_rng(seed))
             metrics += [_of_apart(test, row) for row in rows]
     return metrics
 
 
 def _of_apart(test: ApartTest, row: Metric) -> Metric:
-    """Return a metric of a test that is scored apart: of all its frames, or of a part of them."""
+    """Return a metric of a test that is scored apart, with the test's name in its group."""
     group = test.name if row.group in WHOLE else subgroup(test.name, row.group)
     return row.model_copy(update={"group": group})
 
@@ -79,14 +82,15 @@ def trials_of(
     maps: Arrays | None = None,
     apart: ApartTest | None = None,
 ) -> Trials | PlateTrials:
-    """Return what the metrics are computed from.
+    """Return the trials that the metrics are computed from.
 
     Args:
-        protocol: of the run.
-        truth: packed true answers with ``press`` and ``group`` of every frame.
-        predicted: packed answers.
-        maps: heatmaps and true surfaces; None: the metrics of heatmaps are n/a.
-        apart: the test that is scored apart from the main one; None: the main one.
+        protocol: The protocol of the run.
+        truth: Packed true answers with ``press`` and ``group`` of every frame.
+        predicted: Packed answers.
+        maps: Heatmaps and true surfaces; None where there are none, and the metrics of heatmaps are
+            n/a.
+        apart: The test that is scored apart from the main test; None for the main test.
     """
     from tactibench.metrics.trials import PlateTrials, Trials
 
@@ -102,7 +106,7 @@ def trials_of(
     rows = _rows_of(protocol, truth, apart)
     true, answers = unpack_contacts(truth), unpack_contacts(predicted)
     groups = [str(truth["group"][row]) for row in rows]
-    if apart is not None:  # within the test its parts are the groups
+    if apart is not None:  # its own groups follow the name of the test
         groups = [group.removeprefix(subgroup(apart.name, "")) for group in groups]
     trials = Trials(
         tuple(true[row] for row in rows),
@@ -132,9 +136,9 @@ def trials_of(
 
 
 def _rows_of(protocol: Protocol, truth: Arrays, apart: ApartTest | None) -> npt.NDArray[np.intp]:
-    """Return the frames of the main test, or of one that is scored apart.
+    """Return the rows of the main test's frames, or of a test that is scored apart.
 
-    The groups of its frames begin with its name.
+    The groups of frames of such a test begin with its name.
     """
     names = [apart_set.name for apart_set in protocol.test.apart]
     test_of = np.array([family_of(str(group)) for group in truth["group"]])
@@ -142,7 +146,10 @@ def _rows_of(protocol: Protocol, truth: Arrays, apart: ApartTest | None) -> npt.
 
 
 def _failures(predicted: Arrays) -> npt.NDArray[np.int8] | None:
-    """(N,) how the question about every frame ended; None where a failure ends the run."""
+    """Return (N,) how the model failed on every frame; None where a failure ends the run.
+
+    The values are NOT_FINITE, RAISED, or 0 where it answered.
+    """
     from tactibench.metrics.trials import NOT_FINITE, RAISED
 
     if "failed" not in predicted:
@@ -166,12 +173,13 @@ def rescore(run: StoredRun, protocol: LoadedProtocol | None = None) -> Record:
     """Return the record of a stored run with metrics computed anew, without model or sensor.
 
     Args:
-        run: With its arrays.
-        protocol: That it was made with; None: the installed one of that version.
+        run: The run, with its arrays.
+        protocol: The protocol that the run was made with; None for the installed one of the same
+            version.
 
     Raises:
-        UserError: where the protocol is not the very one of the run (another version asks something
-            else), or the predictions are not those of the record.
+        UserError: The protocol of the run is not installed in the same version, or the predictions
+            are not those of the record.
     """
     protocol = protocol or protocol_of(run)
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
@@ -185,13 +193,13 @@ def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
     """Score stored answers and complete their run.
 
     Raises:
-        UserError: They cannot be scored, or an invariant does not hold; the answers stay.
+        UserError: The answers cannot be scored, or an invariant does not hold; the answers stay.
     """
     try:
         return complete_run(answers, rescore(answers, protocol))
     except OSError:
         raise
-    except Exception as error:  # whatever it is, the answers are there: the user must be told
+    except Exception as error:  # of any kind: the user must be told that the answers are stored
         why = str(error) if isinstance(error, UserError) else f"{describe_exception(error)}."
         name = answers.record.name
         raise UserError(
@@ -201,7 +209,11 @@ def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
 
 
 def protocol_of(run: StoredRun) -> LoadedProtocol:
-    """Return the protocol that a run was made with. Raises UserError if it is not installed."""
+    """Return the protocol that a run was made with.
+
+    Raises:
+        UserError: The protocol is not installed, or only in another version.
+    """
     stated = run.record.protocol
     protocol = version_of(stated.id, stated.hash)
     if protocol is not None:
@@ -219,7 +231,7 @@ def protocol_of(run: StoredRun) -> LoadedProtocol:
 
 
 def metric_differences(stored: list[Metric], again: list[Metric]) -> list[str]:
-    """Return a sentence for each row that is not exactly equal."""
+    """Return a sentence for each row of metrics that is not exactly equal in both lists."""
     before, after = (
         {(row.metric, row.group): row.json_values() for row in rows} for rows in (stored, again)
     )

@@ -16,7 +16,7 @@ from tactibench.run.request import REFERENCE, SHOTS, TestOptions, data_folder, f
 Sensor = BoundSpec[SensorSpec]
 
 INSTANCES = "instances"
-"""Parameter of a sensor that spreads the training presses over several of its make."""
+"""Parameter of a sensor that spreads the training presses over several instances of it."""
 
 
 def resolve_test_sensor(
@@ -24,8 +24,14 @@ def resolve_test_sensor(
 ) -> Sensor | None:
     """Return the sensor that presses the test scenes; None where it is the training sensor.
 
+    Args:
+        options: The options of ``--test``.
+        protocol: The protocol of the run.
+        sensor: The training sensor.
+        host: The plugins.
+
     Raises:
-        UserError: for options that do not fit the protocol or the sensor.
+        UserError: The options do not fit the protocol or the sensor.
     """
     if options.shots:
         _check_shots(options, protocol)
@@ -42,18 +48,18 @@ def resolve_test_sensor(
 
 
 def _has_several(sensor: Sensor) -> bool:
-    """Tell whether the presses of a sensor are made on several instances."""
+    """Return whether the presses of a sensor are spread over several instances."""
     count = sensor.values.get(INSTANCES, 0)
     return isinstance(count, int) and count > 1
 
 
 def _one_instance(sensor: Sensor) -> Sensor:
-    """Return the sensor whose presses are made on one instance: what is tested."""
+    """Return the sensor with all presses on one instance, as it is tested."""
     return BoundSpec(sensor.spec, {**sensor.values, INSTANCES: 0}, sensor.origin)
 
 
 def describe_target(tested: Sensor, options: TestOptions) -> str:
-    """Return what a model is tested on, such as "another individual (instance=1)"."""
+    """Return words for the tested sensor, such as "another individual (instance=1)"."""
     if not replace(options, shots=0):
         return "the nominal sensor"
     values = [f"{name}={tested.values[name]}" for name in options.parameters]
@@ -71,14 +77,14 @@ def describe_target(tested: Sensor, options: TestOptions) -> str:
 def target_record(
     tested: Sensor, sensor: Sensor, options: TestOptions, presses: int, data: Path | None
 ) -> dict[str, Any]:
-    """Return what the record says of the tested sensor.
+    """Return the entry of the tested sensor in the record.
 
     Args:
-        tested: presses the test scenes.
-        sensor: pressed the training scenes.
-        options: as they were given.
-        presses: how many the test frames are of.
-        data: folder of the training frames.
+        tested: The sensor that presses the test scenes.
+        sensor: The sensor that pressed the training scenes.
+        options: The options of ``--test``.
+        presses: Number of presses of the test frames.
+        data: Folder of the training frames.
     """
     record = {
         "name": tested.name,
@@ -94,7 +100,7 @@ def target_record(
 
 
 def _check_shots(options: TestOptions, protocol: Protocol) -> None:
-    """Refuse labelled presses where there are none to be shown."""
+    """Raise UserError where a model cannot be shown labelled presses of the tested sensor."""
     leave_out = f"leave --test {SHOTS} out"
     if protocol.transfer is not None:
         counts = ", ".join(map(str, protocol.transfer.shots))
@@ -133,14 +139,15 @@ def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> S
     name = _reference_name(sensor, host) if options.reference else sensor.name
     tested: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
     over = set(sensor.values)
-    if VERSION in options.parameters:  # it has defaults of its own: take over what was set
+    # Another version has defaults of its own: only the parameters that were set are taken over.
+    if VERSION in options.parameters:
         over = set(sensor.component.settings or ())
-    kept = {
+    taken_over = {
         name: sensor.values[name]
         for name in tested.values
         if name not in options.parameters and name in over
     }
-    tested = BoundSpec(tested.spec, {**tested.values, **kept}, tested.origin)
+    tested = BoundSpec(tested.spec, {**tested.values, **taken_over}, tested.origin)
     if INSTANCES in options.parameters and _has_several(tested):
         raise UserError(
             f"--test sensor.{INSTANCES} would test on the instances that models are trained on; "
@@ -176,7 +183,11 @@ def _reference_name(sensor: Sensor, host: PluginHost) -> str:
 def _recorded_target(
     options: TestOptions, protocol: Protocol, sensor: Sensor, host: PluginHost
 ) -> Sensor:
-    """The recorded sensor that a protocol tests which moves a model to another sensor."""
+    """Return the recorded sensor of a protocol that moves a model to another sensor.
+
+    Raises:
+        UserError: No recording is named, or the options or the sensors do not fit the protocol.
+    """
     if options.data is None:
         raise UserError(
             f"protocol {protocol.id!r} tests on another sensor than it trains on; name the "

@@ -13,11 +13,11 @@ from tactibench.errors import UserError
 def limited_threads(count: int) -> Iterator[None]:
     """Let this process compute with ``count`` threads inside the block, and as before after it.
 
-    OpenCV and numba are limited where they have been imported: what a model computes with is, by
-    the time that it is timed.
+    OpenCV and numba are limited where they have been imported: by the time that a model is timed,
+    everything that it computes with is imported.
 
     Raises:
-        UserError: The block has changed torch's number.
+        UserError: The block has changed torch's number of threads.
     """
     import torch
     from threadpoolctl import threadpool_limits
@@ -25,7 +25,7 @@ def limited_threads(count: int) -> Iterator[None]:
     cv2, numba = sys.modules.get("cv2"), sys.modules.get("numba")
     before = torch.get_num_threads()
     images = None if cv2 is None else cv2.getNumThreads()
-    # Asked after torch: numba starts its threads then, which may set the number of OpenMP's.
+    # Called after torch's: numba starts its threads now, which may change OpenMP's number.
     compiled = None if numba is None else numba.get_num_threads()
     try:
         with threadpool_limits(limits=count):
@@ -35,15 +35,15 @@ def limited_threads(count: int) -> Iterator[None]:
             if numba is not None:  # it refuses more threads than it was started with
                 numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
             yield
-            found = torch.get_num_threads()
+            threads = torch.get_num_threads()
     finally:
         if numba is not None:
             numba.set_num_threads(compiled)
         if cv2 is not None:
             cv2.setNumThreads(images)
         torch.set_num_threads(before)
-    if found != count:
+    if threads != count:
         raise UserError(
-            f"the model set torch's threads to {found} while it was timed with {count}, so that "
+            f"the model set torch's threads to {threads} while it was timed with {count}, so that "
             "the times are of no known number of threads; take torch.set_num_threads out of it."
         )

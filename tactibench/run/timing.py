@@ -1,4 +1,4 @@
-"""Speed beside error: the scenarios ``single`` and ``offline`` of a trained model, and its cost."""
+"""Speed of a trained model in the scenarios ``single`` and ``offline``, and its cost."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ from tactibench.run.threads import limited_threads
 TIMED_FRAMES = 200
 """Test frames that calls take in turn, spread over all: groups follow each other in a test."""
 CALLS, QUICK_CALLS = 300, 60
+"""Timed calls with one frame, and those of --quick."""
 BUDGET_S, QUICK_BUDGET_S = 12.0, 3.0
-"""Seconds that timing may take for one thread count; a slower model gives fewer calls. Those of
---quick are few: a neighbour on the other core must not eat its minute."""
+"""Seconds that timing may take for one number of threads; a slower model gives fewer calls. --quick
+has few, so that other work on the machine does not use up its minute."""
 OFFLINE_CALLS, OFFLINE_BLOCKS = 30, 10
-"""Calls and blocks of a batch: fewer than of a frame, because each takes longer."""
+"""Calls and warm-up blocks with a batch: fewer than with one frame, because each takes longer."""
 
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 _RESET_PEAK = "5"
-"""Written to clear_refs it sets the peak of the resident memory to what it is now (proc(5))."""
+"""Written to clear_refs, it sets the peak of the resident memory to its present size (proc(5))."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,10 @@ class Speed:
     """Times and cost of a model; empty where it was not timed.
 
     Attributes:
-        rows: of the record.
-        raw: raw times.
-        timed: what the timed configuration is and costs in accuracy.
-        efficiency: size, operations and memory of the model.
+        rows: Rows of the record.
+        raw: Raw times, ms, by name.
+        timed: The timed configuration and what it costs in accuracy.
+        efficiency: Size, operations and memory of the model.
     """
 
     rows: list[dict[str, Any]] = field(default_factory=list)
@@ -55,8 +56,8 @@ class Speed:
     def add(self, scenario: str, sample: LatencySample) -> None:
         """Add the rows and the raw times of a scenario, "single" or "offline"."""
         self.rows.extend(sample.rows(scenario))
-        one = scenario == "single"
-        name = f"single_{sample.threads}_threads" if one else f"offline_{sample.batch}_frames"
+        single = scenario == "single"
+        name = f"single_{sample.threads}_threads" if single else f"offline_{sample.batch}_frames"
         self.raw[f"{name}_ms"] = np.asarray(sample.raw_ms)
         if sample.cpu_ms is not None:
             self.raw[f"{name}_cpu_ms"] = np.asarray(sample.cpu_ms)
@@ -72,15 +73,19 @@ def time_model(
 ) -> Speed:
     """Time frame -> answer: at batch 1 with one thread and with all, and in batches with all.
 
-    The ways to compute that the model offers are timed against each other first, and the fastest
-    whose error is that of float32 within 2 % is the one that is timed.
+    The ways to compute that the model offers are first timed against each other. The fastest way
+    whose error is within 2 % of that in float32 is then timed.
 
     Args:
-        model: trained.
-        frames: of the test.
-        answers: the scored ones, in float32.
-        truth: of every frame.
-        quick: time few calls of the stages that the model declares, without a choice.
+        model: A trained model.
+        frames: Test frames.
+        answers: The scored answers, in float32.
+        truth: True answer to every frame.
+        quick: Whether to time few calls of the stages that the model declares, without a choice.
+
+    Raises:
+        UserError: The model declares wrong stages, counts or answers, or none of its ways to
+            compute works.
     """
     rows = spread(range(len(frames)), TIMED_FRAMES)
     seen = [blinded(frames[row]) for row in rows]
@@ -108,7 +113,11 @@ def time_model(
 
 
 def _count(model: Model, method: str, count: object) -> int | None:
-    """Return a number that a model tells of itself. Raises UserError for anything else."""
+    """Return a number that a method of the model returns, or None.
+
+    Raises:
+        UserError: The value is neither a whole number from 0 on nor None.
+    """
     if count is None:
         return None
     if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 0:
@@ -150,11 +159,11 @@ def _time_offline(
 
 
 class PeakMemory:
-    """Largest resident memory of this process inside the block, in MB (10^6 bytes).
+    """The largest resident memory of this process inside a block.
 
     Attributes:
-        mb: None where the system does not tell it. Where the kernel cannot reset its count, the
-            peak is that of the whole life of the process.
+        mb: The peak in MB (10^6 bytes); None where the system does not tell it. Where the kernel
+            cannot reset its count, it is the peak of the whole life of the process.
     """
 
     mb: float | None = None
@@ -162,7 +171,7 @@ class PeakMemory:
 
 @contextmanager
 def peak_memory() -> Iterator[PeakMemory]:
-    """Watch the memory of this process; the figure is there after the block."""
+    """Measure the peak memory of this process; it is set after the block."""
     peak = PeakMemory()
     with suppress(OSError):  # another system, or a kernel without it
         _RESET.write_text(_RESET_PEAK)

@@ -1,4 +1,4 @@
-"""Training: frames of a plan opened or made, weights loaded or learned."""
+"""Training: frames of a plan are opened or made, and weights are loaded or trained."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trained weights: taken from the cache or trained, and never used when damaged."""
+"""Trained weights: they are taken from the cache or trained, and never used when damaged."""
 
 from __future__ import annotations
 
@@ -38,9 +38,10 @@ SHARED_CODE = (
     "tactibench.images",
     "tactibench.training",
 )
-"""Core modules whose source changes what any model learns."""
+"""Core modules whose source changes what every model learns."""
 PIN_CODE = ("tactibench.markers", "tactibench.superposition")
-"""The same of models that look at pins, and of contact mixing."""
+"""Core modules whose source also changes what models of pins, and models with contact mixing,
+learn."""
 
 TRAINED_WITH = ("torch", "numpy")
 """Distributions whose versions change weights."""
@@ -50,7 +51,13 @@ Examples = tuple[Sequence[Frame], Sequence[Answer]]
 
 @dataclass(frozen=True)
 class WeightsPlan:
-    """Identity of trained weights and where they are kept."""
+    """Identity of trained weights and their place.
+
+    Attributes:
+        identity: Everything that determines the weights.
+        folder: Folder of the weights in the cache.
+        checkpoints: Folder of the checkpoints of their training.
+    """
 
     identity: dict[str, Any]
     folder: Path
@@ -64,7 +71,7 @@ class WeightsPlan:
 
     @property
     def cached(self) -> bool:
-        """Return whether the weights are there (they are verified when they are loaded)."""
+        """Return whether the weights are in the cache (they are verified when they are loaded)."""
         return (self.folder / MANIFEST).is_file()
 
     @property
@@ -75,7 +82,13 @@ class WeightsPlan:
 
 @dataclass(frozen=True)
 class TrainedWeights:
-    """The weights of a trained model: their hash, and how they came to be."""
+    """The weights of a trained model.
+
+    Attributes:
+        hash: Hash of the weights.
+        report: Report of their training.
+        reused: Whether they were in the cache.
+    """
 
     hash: str
     report: dict[str, Any]
@@ -91,7 +104,16 @@ def plan_weights(
     device: str,
     cache: Path,
 ) -> WeightsPlan:
-    """Return everything that determines the weights; equal identities share one training."""
+    """Return the plan of the weights; equal identities share one training.
+
+    Args:
+        protocol: The protocol of the run.
+        components: Model, sensors and encoder of the run.
+        seed: Seed of the training.
+        training_key: Key of the training and validation frames.
+        device: "cpu" or "cuda".
+        cache: Folder of the cache.
+    """
     model, encoder = components.model, components.encoder
     identity = {
         "model": model.name,
@@ -120,7 +142,7 @@ def plan_weights(
 
 
 def _auto_precision(model: BoundSpec[ModelSpec], device: str) -> dict[str, str]:
-    """Return what "auto" means on this machine, where it may decide how a model is trained."""
+    """Return what precision "auto" is on this machine; {} where it cannot affect the training."""
     if model.values.get("precision") not in ("auto", "recipe"):
         return {}
     return {"auto_precision": resolve_precision("auto", device)}
@@ -140,18 +162,19 @@ def trained_weights(
     examples: Callable[[str], Examples],
     progress: Progress,
 ) -> TrainedWeights:
-    """Load the weights into ``model``, training it first when they are not there.
+    """Load weights into a model, after its training where they are not in the cache.
 
-    The model that predicts is always the one that was read from the disk.
+    Predictions are always made with weights that were read from the disk.
 
     Args:
-        plan: identity and place of the weights.
-        model: is trained, or left as it was made, and loads the weights.
-        examples: gives frames and truth of "fit" and "validation", only when they are needed.
-        progress: is told of every step.
+        plan: Identity and place of the weights.
+        model: The model, which is trained if necessary and loads the weights.
+        examples: Function that returns frames and truth of "fit" or "validation". It is called only
+            when they are needed.
+        progress: Is told of every step.
 
     Raises:
-        UserError: for a training whose report cannot be recorded.
+        UserError: The report of the training cannot be recorded.
     """
     with locked(plan.folder.with_name(plan.folder.name + ".lock")):
         manifest = intact_manifest(plan)
@@ -164,7 +187,7 @@ def trained_weights(
 
 
 def intact_manifest(plan: WeightsPlan) -> dict[str, Any] | None:
-    """Return the manifest, when it and every file are what they were when they were written."""
+    """Return the manifest; None where it or a file has changed since it was written."""
     try:
         manifest: dict[str, Any] = read_checked_json(plan.folder / MANIFEST)
         files = manifest["files"]
@@ -219,12 +242,17 @@ def _train(
 
 
 def weights_hash(files: Mapping[str, str]) -> str:
-    """Return the hash of weights from the sha256 of every file."""
+    """Return the hash of weights from the sha256 of every file, by name."""
     return combined([f"{name} {value}" for name, value in sorted(files.items())])
 
 
 def _report_as_json(report: object, model: str) -> dict[str, Any]:
-    """The report as JSON values, numpy's numbers as Python's."""
+    """Return the report of a training as JSON values, with numpy's numbers as Python's.
+
+    Raises:
+        UserError: It is no FitReport, has an unknown prior, or holds a value that JSON cannot
+            store.
+    """
     if not isinstance(report, FitReport):
         raise UserError(
             f"fit of model {model!r} gave {type(report).__name__} where a FitReport is asked; end "

@@ -1,4 +1,4 @@
-"""``weights.json`` of a weights file: what the weights are, and the model card made of it."""
+"""``weights.json`` of a weights file, which describes the weights, and its model card."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _EncoderIdentity(BaseModel):
 
 
 class TrainedIdentity(BaseModel):
-    """The part of an identity that is read; it holds more."""
+    """The part of an identity that is read; an identity has more entries."""
 
     model: str
     parameters: dict[str, bool | int | float | str]
@@ -59,18 +59,20 @@ class _Report(BaseModel):
 
 
 class WeightsDescription(_Strict):
-    """``weights.json``.
+    """The content of ``weights.json``.
 
     Attributes:
         made_with: Version of tactibench.
-        model, encoder, context: What the model is built from.
+        model: The model, with its parameters.
+        encoder: The encoder, with its parameters; None where the model uses none.
+        context: The context in which the model is built.
         identity: Everything that determined the weights, as in the cache.
         files: sha256 of every file that the model saved, by name.
         hash: Hash of the weights, as records hold it.
-        report: Of the training.
-        presses: That it learned from.
-        trained_on: Sensor and presses in words.
-        license: As the exporter states it.
+        report: Report of the training.
+        presses: Number of presses that the model learned from; None where it is not known.
+        trained_on: Sensor and regime in words.
+        license: License, as the exporter states it.
     """
 
     @model_validator(mode="after")
@@ -98,7 +100,12 @@ class WeightsDescription(_Strict):
 
 
 def weights_card(description: WeightsDescription, label: str) -> str:
-    """Return the model card, Markdown: what it is, from what, and how it is used."""
+    """Return the model card in Markdown: the model, its training and its use.
+
+    Args:
+        description: Description of the weights.
+        label: Title of the card.
+    """
     identity = TrainedIdentity.model_validate(description.identity)
     report = _Report.model_validate(description.report)
     context = description.context

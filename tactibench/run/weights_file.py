@@ -1,8 +1,8 @@
-"""Trained weights as one file: to hand them on, to serve them, and to take them into a cache.
+"""Trained weights as one file, to pass them on, to serve them and to import them into a cache.
 
-The file is a zip without compression: ``weights.json`` (what they are), ``README.md`` (a model card
+The file is a zip without compression: ``weights.json`` (a description), ``README.md`` (a model card
 for people) and the files that the model saved, each with its sha256. Equal weights give equal
-bytes. What is read is bounded and compared before a model sees it.
+bytes. Sizes are limited and hashes compared before a model reads a file.
 """
 
 from __future__ import annotations
@@ -58,15 +58,23 @@ DESCRIPTION, CARD, FOLDER = "weights.json", "README.md", "weights/"
 FIRST_DAY = (1980, 1, 1, 0, 0, 0)
 """Time stamp of every entry: equal weights give equal bytes."""
 MOST_BYTES = 2 * 1024**3
-"""Size of all files together; the largest model that ships has 40 MB."""
+"""Largest size of all files together; the largest model that ships has 40 MB."""
 MOST_DESCRIPTION_BYTES = 1024**2
+"""Largest size of ``weights.json`` and of the model card."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}){0,3}")
-"""Name of a file inside: relative, and nowhere up."""
+"""Name of a file inside: a relative path that never leads upwards."""
 
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """A weights file that was read and compared. sha256: of the whole file."""
+    """A weights file that was read and compared with its hashes.
+
+    Attributes:
+        path: Path of the file.
+        sha256: sha256 of the whole file.
+        description: Description of the weights.
+        card: The model card, Markdown.
+    """
 
     path: Path
     sha256: str
@@ -75,23 +83,27 @@ class WeightsFile:
 
     @property
     def label(self) -> str:
-        """Return model and first digits of the weights' hash."""
+        """Return the model's name and the first digits of the weights' hash."""
         return f"{self.description.model.name} ({self.description.hash[:8]})"
 
     def differences(self, host: PluginHost) -> list[str]:
-        """Return in words what is not as it was at the training: runs here would train anew.
+        """Return in words what differs from the training: with differences, runs would train anew.
 
-        Raises UserError for a model that is not installed.
+        Args:
+            host: The plugins.
+
+        Raises:
+            UserError: The model or encoder is not installed, or does not have its parameters.
         """
         trained, model = (
             TrainedIdentity.model_validate(self.description.identity),
             self._model(host),
         )
-        here = installed_versions(*TRAINED_WITH)
+        installed = installed_versions(*TRAINED_WITH)
         words = [
-            f"{name} {here.get(name)} in place of {trained.versions.get(name)}"
+            f"{name} {installed.get(name)} in place of {trained.versions.get(name)}"
             for name in TRAINED_WITH
-            if here.get(name) != trained.versions.get(name)
+            if installed.get(name) != trained.versions.get(name)
         ]
         if trained.code != training_code(model):
             words.append(f"other source of {model.name} or of the training")
@@ -101,7 +113,15 @@ class WeightsFile:
         return words
 
     def build(self, host: PluginHost, device: str) -> Model:
-        """Return the model, made and without its weights. Raises UserError."""
+        """Build the model, without its weights, and return it.
+
+        Args:
+            host: The plugins.
+            device: "cpu" or "cuda".
+
+        Raises:
+            UserError: The model or encoder is not installed, or does not have its parameters.
+        """
         description, encoder = self.description, self._encoder(host)
         context = description.context
         model: Model = self._model(host).build(
@@ -134,7 +154,12 @@ class WeightsFile:
 
 
 def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated") -> WeightsFile:
-    """Write the cached weights of a plan as one file.
+    """Write the cached weights of a plan as one file, and return the file as it is read back.
+
+    Args:
+        plan: The plan of a run with these weights.
+        path: The file that is written.
+        license_text: License of the weights.
 
     Raises:
         UserError: The weights are not in the cache, or are damaged.
@@ -166,11 +191,14 @@ def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated
         "trained_on": f"{sensor}, regime {plan.components.regime} of {plan.spec.id}",
         "license": license_text,
     }
-    made = WeightsDescription.model_validate_json(_json(description))
+    checked = WeightsDescription.model_validate_json(_json(description))
     with atomic(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-        for name, content in ((DESCRIPTION, _json(description)), (CARD, weights_card(made, label))):
+        for name, content in (
+            (DESCRIPTION, _json(description)),
+            (CARD, weights_card(checked, label)),
+        ):
             archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), content)
-        for name in sorted(made.files):
+        for name in sorted(checked.files):
             archive.writestr(
                 zipfile.ZipInfo(FOLDER + name, FIRST_DAY), (plan.weights.folder / name).read_bytes()
             )
@@ -182,10 +210,10 @@ def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
 
     Args:
         path: The file.
-        sha256: Of the whole file, as whoever handed it on said; None: it is not compared.
+        sha256: sha256 of the whole file, as its sender stated it; None to compare none.
 
     Raises:
-        UserError: It is no such file, is damaged, or is another file than that.
+        UserError: The file does not exist, is no weights file, is damaged, or has another sha256.
     """
     if not path.is_file():
         raise UserError(f"{path} is not there; name a file of `tactibench weights export`.")
@@ -231,15 +259,15 @@ def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
 def open_weights(
     path: Path, *, sha256: str | None = None, device: str = "auto"
 ) -> tuple[Model, str]:
-    """Return the model of a weights file, ready to answer, and the label it goes by.
+    """Return the model of a weights file, ready to answer frames, and its label.
 
     Args:
         path: A file of ``tactibench weights export``.
-        sha256: Of the whole file; None: it is not compared.
+        sha256: sha256 of the whole file; None to compare none.
         device: "auto", "cpu" or "cuda".
 
     Raises:
-        UserError: The file is damaged or another one, or this installation has no such model.
+        UserError: The file is damaged, has another sha256, or this installation has no such model.
     """
     file = read_weights(path, sha256=sha256)
     model = file.build(PluginHost(), choose_device(device))
@@ -250,14 +278,18 @@ def open_weights(
 
 
 def import_weights(file: WeightsFile, cache: Path) -> tuple[Path, bool]:
-    """Put weights into the cache, where runs find them; their records say so.
+    """Put weights into the cache, where runs find them; records of these runs state the import.
+
+    Args:
+        file: The weights file.
+        cache: Folder of the cache.
 
     Returns:
-        The folder, and whether the weights were there before.
+        The folder of the weights, and whether they were in the cache before.
 
     Raises:
         UserError: This installation would train other weights for the same request, so that no run
-            would take these.
+            would use these; or it has no such model.
     """
     host = PluginHost()
     if different := file.differences(host):
@@ -320,7 +352,11 @@ def _check_sizes(path: Path, entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _text(archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo], name: str) -> str:
-    """Raises ValueError for an entry that is missing, too long or no text."""
+    """Return the text of an entry.
+
+    Raises:
+        ValueError: The entry is missing, too long or no text.
+    """
     if name not in entries or entries[name].file_size > MOST_DESCRIPTION_BYTES:
         raise ValueError("it is missing or too long")
     try:
