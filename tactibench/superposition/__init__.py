@@ -1,4 +1,4 @@
-"""Several contacts out of single presses: fields, load sharing, mixed frames. Public to plugins."""
+"""Several contacts from single presses: fields, load sharing, mixed frames. Public to plugins."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
 """The loops of a superposition fit, compiled: fields at places, and least squares of one frame.
 
-They stand in a file of their own because numba's cache on disk follows changes of one file only.
+They are in a file of their own because numba's cache on disk follows changes of one file only.
 """
 
 from __future__ import annotations
@@ -17,23 +17,31 @@ _DAMPING = 1e-4
 _STUCK = 1e6
 """Damping at which no step helps."""
 _LONGEST_MM = 0.8
-"""mm that one step may move a contact in x, y or depth."""
+"""Longest move of a contact in x, y or depth in one step."""
 _SMALLEST_STEP_MM = 2e-4
-"""A frame ends when its step is shorter."""
+"""The fit of a frame ends when its step is shorter."""
 CORRELATED = 20.0
-"""Displacements that err together beyond the noise, as where contacts are superposed: what is left
-there is smooth over the skin, and tells the numbers no better than a twentieth as many would.
-Of 1, 5 and 20 this one left least of the depth of pairs and triples on training instances."""
+"""Number of displacements that err together beyond the noise, as where contacts are superposed.
+The residual is then smooth over the skin, and determines a sensor's numbers no better than a
+twentieth as many displacements would. Of 1, 5 and 20 this value left the least error in depth of
+pairs and triples on training instances."""
 _SMALLEST_NUISANCE = 1e-3
-"""The same of a nuisance, in its deviations."""
+"""The smallest step of a nuisance, in its standard deviations."""
 
 
 @njit(cache=True, fastmath=True, nogil=True)  # type: ignore[untyped-decorator]
 def evaluate(coefficients: Lattice, low: Array, step: Array, places: Array, out: Lattice) -> None:
-    """Fill out (M, 4, C): the value and its slopes along three axes, at places (M, 3).
+    """Compute the values of a spline and their slopes along three axes.
 
-    coefficients: (X, Y, D, C). Places outside the knots count as the nearest one inside; beyond the
-    ends the coefficients go on as their mirror image, as scipy's ``spline_filter`` has it.
+    Places outside the knots count as the nearest place inside. Beyond the ends the coefficients
+    continue as their mirror image, as in scipy's ``spline_filter``.
+
+    Args:
+        coefficients: (X, Y, D, C).
+        low: (3,) mm, the first knot of each axis.
+        step: (3,) mm between knots.
+        places: (M, 3) mm.
+        out: (M, 4, C), filled with the values, then the slopes along the axes, 1/mm.
     """
     weight, slope = np.empty((3, 4)), np.empty((3, 4))
     index = np.empty((3, 4), np.int64)
@@ -79,9 +87,18 @@ def fit_frame(  # type: ignore[no-untyped-def]
 ):
     """Move contacts and nuisances of one frame to the least cost; see ``newton.solve``.
 
-    field: coefficients, low, step, ways of variation, and the least and greatest x, y and depth.
-    motions: (R, Q). moved: (Q,). weight: (M,). whitener: (Q, M), or (0, 0): M is Q. Filled are
-    contacts (K, 3), nuisances (N,), left (M,) and normal (3 K + N, 3 K + N).
+    Args:
+        field: Coefficients, low, step, ways of variation, and the least and greatest x, y and
+            depth, (3,) mm each.
+        motions: (R, Q) displacements by each motion of the image.
+        moved: (Q,) displacements.
+        weight: (M,) 1 / variance.
+        whitener: (Q, M) by which residuals are multiplied, or (0, 0) for none: M is then Q.
+        steps: Most steps.
+        contacts: (K, 3) mm, where the fit starts; filled with the result.
+        nuisances: (N,), where the fit starts; filled with the result.
+        left: (M,), filled with the residuals.
+        normal: (3 K + N, 3 K + N), filled with the normal matrix.
     """
     low, high = field[4], field[5]
     count, others = 3 * len(contacts), len(nuisances)
@@ -103,7 +120,7 @@ def fit_frame(  # type: ignore[no-untyped-def]
             greatest = max(greatest, diagonal[i])
         matrix = normal.copy()
         for i in range(size):
-            # A floor, so that a contact too shallow to be felt stays where it is.
+            # A floor, so that a contact that is too shallow to have an effect does not move.
             matrix[i, i] += damping * (diagonal[i] + 1e-3 * greatest) + 1e-12
         step = np.linalg.solve(matrix, pull)
         longest = 1.0
@@ -137,14 +154,17 @@ def fit_frame(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _copy(values, out):  # type: ignore[no-untyped-def]
-    """Fill out (N,) with values (N,); numba takes seconds to compile ``out[:] = values``."""
+    """Copy values (N,) to out (N,); numba takes seconds to compile ``out[:] = values``."""
     for i in range(len(out)):
         out[i] = values[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore[no-untyped-def]
-    """Return (1 + 3 K + N, M): what is left, and the slopes of what explains it."""
+    """Return the residuals, and their slopes by contacts and nuisances, (1 + 3 K + N, M).
+
+    The slopes are those of the model, whose values are taken off the displacements.
+    """
     coefficients, low, step, ways = field[0], field[1], field[2], field[3]
     width, count = len(moved), len(contacts)
     rows = np.zeros((1 + 3 * count + len(nuisances), width))
@@ -174,9 +194,9 @@ def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cost_of(left, weight, nuisances, ways):  # type: ignore[no-untyped-def]
-    """Return the cost, and the variance of the noise that the misfit shows (1 without nuisances).
+    """Return the cost, and the variance of the noise from the misfit (1 without nuisances).
 
-    Without nuisances the misfit itself is the cost: the least of both is in one place.
+    Without nuisances the misfit itself is the cost: both have their minimum in the same place.
     """
     misfit = (weight * left * left).sum()
     if not len(nuisances):
@@ -188,16 +208,19 @@ def _cost_of(left, weight, nuisances, ways):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hold_of(noise):  # type: ignore[no-untyped-def]
-    """Return the factor by which a sensor's numbers are held where the noise has this variance.
+    """Return the factor with which a sensor's numbers are held where the noise has a variance.
 
-    What is beyond the camera's noise, of variance 1, is correlated.
+    Noise beyond that of the camera, which has variance 1, is correlated.
     """
     return CORRELATED - (CORRELATED - 1.0) / noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_normal(rows, weight, nuisances, noise, ways, normal, pull):  # type: ignore[no-untyped-def]
-    """Fill the normal matrix and its right-hand side; ``ways`` nuisances are a sensor's."""
+    """Fill the normal matrix and its right-hand side.
+
+    The first ``ways`` nuisances are numbers of a sensor, the others motions of the image.
+    """
     size, others = len(pull), len(nuisances)
     slopes = rows[1:]
     weighted = slopes * weight

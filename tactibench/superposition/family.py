@@ -1,11 +1,11 @@
-"""Fields of one contact on the sensors of one make: what they share, and how they vary.
+"""Fields of one contact on the sensors of one make: their common mean and their variation.
 
     u(c; z) = F_0(c) + sum_k z_k F_k(c)
 
-Every sensor has a few numbers z, as factors in a factor analysis. They are learned by turns from
-single presses on many sensors: with z known, all fields are kriged together; with the fields known,
-z of a sensor is a linear regression of its presses. The pins at rest say something about z, which
-is another regression; labelled presses of a sensor say most of the rest.
+Every sensor has a few numbers z, like factors in a factor analysis. Fields and z are learned in
+turns from single presses on many sensors: with z known, all fields are kriged together; with the
+fields known, z of a sensor is a linear regression of its presses. The pins at rest determine z in
+part, by another regression; labelled presses of a sensor determine most of the rest.
 """
 
 from __future__ import annotations
@@ -22,42 +22,52 @@ Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.intp]
 
 WAYS = 4
-"""Numbers of a sensor, at most."""
+"""Most numbers z of a sensor."""
 SENSORS_A_WAY = 3
-"""Sensors that a training needs for every number, or else it would describe each by itself."""
+"""Sensors that a training needs for every number; with fewer, each number would describe one
+sensor."""
 _AMPLITUDE = 0.1
-"""Deviation of a way of variation, of that of the mean field, that is expected beforehand. Freer
-ways take up the noise: with 0.3 contacts on twenty unseen sensors were 0.0139 mm off, with this
+"""Prior standard deviation of a way of variation, as a share of that of the mean field. Freer ways
+fit the noise: with 0.3 contacts on twenty unseen sensors were 0.0139 mm off, with this value
 0.0111."""
 _RIDGE = 3e-8
-"""Variance of noise against that of the mean field. On twenty unseen sensors, each with 50 labelled
-presses, contacts were 0.0047 mm off; with a third as much 0.0052 and with three times 0.0050."""
+"""Variance of the noise relative to that of the mean field. On twenty unseen sensors, each with 50
+labelled presses, contacts were 0.0047 mm off; with a third of it 0.0052 and with three times it
+0.0050."""
 _PITCH_MM = (0.56, 0.56, 0.35)
-"""Pitch of the lattice."""
+"""Pitch of the lattice in x, y and depth."""
 _ROUNDS = 4
-"""Turns; the misfit settles after three."""
+"""Rounds of learning z and the fields; the misfit settles after three."""
 _MOST, _ROUGH_MM = 1500, (1.4, 1.4, 0.7)
-"""Presses, and pitch of the lattice, of the field from which z is guessed first."""
+"""Most presses, and pitch of the lattice, of the field from which the first z are guessed."""
 CLUES = 2
-"""Numbers of a rest layout: its size, and the first way in which shapes of layouts differ."""
+"""Numbers of a rest layout: its size, and the first way in which the shapes of layouts differ."""
 _NOISE_PX = 0.012
-"""Deviation of a displacement while z is learned."""
+"""Standard deviation of a displacement while z is learned."""
 _SHRINK = 1e-2
-"""Ridge of regressions, in presses or sensors."""
+"""Ridge of regressions, as a number of presses or sensors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clues:
-    """Size and shape of rest layouts, as numbers of deviation 1 over the training sensors."""
+    """Size and shape of rest layouts, as numbers of standard deviation 1 over training sensors.
+
+    Attributes:
+        mean: (1 + Q,) mean of the logarithm of the size, and of the pins' deviations from the
+            layout, px.
+        axes: (CLUES, 1 + Q) by which deviations from the mean are multiplied.
+    """
 
     mean: Array
-    """(1 + Q,) of the logarithm of the size, and of the pins' deviations from the layout, px."""
     axes: Array
-    """(CLUES, 1 + Q)."""
 
     @classmethod
     def learn(cls, rests: Array) -> Self:
-        """Learn from (S, 1 + Q) sizes and deviations of the training's sensors."""
+        """Return the clues of S training sensors.
+
+        Args:
+            rests: (S, 1 + Q) logarithm of the size, and deviations of the pins from the layout, px.
+        """
         mean = rests.mean(axis=0)
         size, shape = (rests - mean)[:, :1], (rests - mean)[:, 1:]
         _, spreads, ways = np.linalg.svd(shape, full_matrices=False)
@@ -68,32 +78,39 @@ class Clues:
         return cls(mean, axes)
 
     def __call__(self, rests: Array) -> Array:
-        """Return (S, 1 + CLUES): 1 and the clues of rest layouts (S, 1 + Q)."""
+        """Return 1 and the clues of rest layouts (S, 1 + Q), (S, 1 + CLUES)."""
         clues = (rests - self.mean) @ self.axes.T
         return np.concatenate([np.ones((len(rests), 1)), clues], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class FieldFamily:
-    """The fields of sensors of one make, and what is known of a sensor's z beforehand."""
+    """The fields of sensors of one make, and the prior of a sensor's z.
+
+    Attributes:
+        field: The fields, with V ways of variation; V = 0 for a training with few sensors.
+        clues: Clues of rest layouts.
+        slopes: (1 + CLUES, V) from the clues of a rest layout to the expected z.
+        covariance: (V, V) of z about its expectation.
+    """
 
     field: Field
-    """With V ways; V = 0: a single sensor's."""
     clues: Clues
     slopes: Array
-    """(1 + CLUES, V): the expected z by the clues of its rest layout."""
     covariance: Array
-    """(V, V) of z about that."""
 
     @classmethod
     def learn(cls, contacts: Array, values: Array, sensors: Numbers, rests: Array) -> Self:
-        """Learn from single presses on S sensors.
+        """Learn the fields from single presses on S sensors.
 
         Args:
-            contacts: (N, 3) mm.
+            contacts: (N, 3) x, y and depth, mm.
             values: (N, Q) displacements on the common layout, px.
             sensors: (N,) number of the sensor of a press, 0 to S - 1.
             rests: (S, 1 + Q) size and deviations of the rest layouts.
+
+        Raises:
+            UserError: There are fewer than twenty presses.
         """
         ways = min(WAYS, len(rests) // SENSORS_A_WAY)
         if not ways:
@@ -120,12 +137,15 @@ class FieldFamily:
     def of_sensor(
         self, rest: Array, contacts: Array | None = None, values: Array | None = None
     ) -> Field:
-        """Return the field of one sensor; its nuisances, of deviation 1, are what is left unknown.
+        """Return the field of one sensor.
+
+        Its ways of variation are the remaining uncertainty: their numbers have standard deviation
+        1.
 
         Args:
             rest: (1 + Q,) size and deviations of its rest layout.
-            contacts: (N, 3) mm of single presses on it that are known; None: none are.
-            values: (N, Q) their displacements, px.
+            contacts: (N, 3) mm, labelled single presses on it; None where there are none.
+            values: (N, Q) displacements of these presses, px.
         """
         if not self.field.ways:
             return self.field
@@ -141,7 +161,17 @@ class FieldFamily:
 
 
 def _first_guess(contacts: Array, left: Array, sensors: Numbers, count: int, ways: int) -> Array:
-    """(S, V) z: principal components of smooth residuals, one regression a sensor."""
+    """Return first z of the sensors, (S, V): principal components of smooth residuals.
+
+    The residuals of each sensor are smoothed by a regression on its contacts.
+
+    Args:
+        contacts: (N, 3) x, y and depth, mm.
+        left: (N, Q) residuals of a common field, px.
+        sensors: (N,) number of the sensor of a press.
+        count: Number of sensors S.
+        ways: Number of ways of variation V.
+    """
     x, y, depth = ((contacts - contacts.mean(axis=0)) / contacts.std(axis=0)).T
     basis = contacts[:, 2:] * np.stack(
         [np.ones_like(x), depth, x, y, x * x, y * y, x * y, depth * depth], axis=1
@@ -149,27 +179,38 @@ def _first_guess(contacts: Array, left: Array, sensors: Numbers, count: int, way
     ridge = _SHRINK * np.square(basis).mean() * np.eye(basis.shape[1])
     fits = []
     for sensor in range(count):
-        own = basis[sensors == sensor]
-        fits.append(np.linalg.solve(own.T @ own + ridge, own.T @ left[sensors == sensor]).ravel())
+        rows = basis[sensors == sensor]
+        fits.append(
+            np.linalg.solve(rows.T @ rows + ridge, rows.T @ left[sensors == sensor]).ravel()
+        )
     centred = np.array(fits) - np.mean(fits, axis=0)
     return _whitened(np.linalg.svd(centred, full_matrices=False)[0][:, :ways])
 
 
 def _regress(parts: Array, values: Array, sensors: Numbers, count: int) -> Array:
-    """(S, V) z of every sensor; parts: (N, 1 + V, Q) the fields at its presses, of amplitude 1."""
+    """Return z of every sensor, (S, V).
+
+    Args:
+        parts: (N, 1 + V, Q) mean and ways of variation at the presses, of amplitude 1.
+        values: (N, Q) displacements, px.
+        sensors: (N,) number of the sensor of a press.
+        count: Number of sensors S.
+    """
     scaled = np.concatenate([parts[:, :1], _AMPLITUDE * parts[:, 1:]], axis=1)
     fields = []
     for sensor in range(count):
-        own = sensors == sensor
-        normal, pull = _evidence(scaled[own], values[own])
+        rows = sensors == sensor
+        normal, pull = _evidence(scaled[rows], values[rows])
         fields.append(np.linalg.solve(normal + np.eye(len(normal)), pull))
     return np.array(fields)
 
 
 def _evidence(parts: Array, values: Array) -> tuple[Array, Array]:
-    """The information (V, V) on z of a sensor in its presses, and its product with z (V,).
+    """Return the information of presses on z of their sensor, (V, V), and its product with z, (V,).
 
-    parts: (N, 1 + V, Q) the mean and the ways of variation at the presses; values: (N, Q).
+    Args:
+        parts: (N, 1 + V, Q) mean and ways of variation at the presses.
+        values: (N, Q) displacements, px.
     """
     ways = parts[:, 1:].transpose(1, 0, 2).reshape(parts.shape[1] - 1, -1) / _NOISE_PX
     left = (values - parts[:, 0]).reshape(-1) / _NOISE_PX
@@ -177,12 +218,12 @@ def _evidence(parts: Array, values: Array) -> tuple[Array, Array]:
 
 
 def _shares(z: Array) -> Array:
-    """(S, 1 + V) of the mean and of every way of variation in the field of a sensor."""
+    """Return the shares of the mean and of the ways of variation in sensors' fields, (S, 1 + V)."""
     return np.concatenate([np.ones((len(z), 1)), _AMPLITUDE * z], axis=1)
 
 
 def _whitened(z: Array) -> Array:
-    """Numbers (S, V) with mean 0 and unit covariance over the sensors."""
+    """Return numbers (S, V), transformed to mean 0 and unit covariance over the sensors."""
     centred = z - z.mean(axis=0)
     covariance = centred.T @ centred / len(z) + 1e-9 * np.eye(z.shape[1])
     out: Array = np.linalg.solve(np.linalg.cholesky(covariance), centred.T).T

@@ -1,8 +1,8 @@
 """The field of one contact: displacements of the pins as a smooth function of its x, y and depth.
 
 It is learned from single presses. Gaussian-process regression (kriging) with a Matern-5/2 kernel
-gives the field; a cubic spline on a regular lattice keeps it, so that a value costs 64 products a
-pin, whatever the number of presses.
+gives the field. A cubic spline on a regular lattice stores it, so that a value costs 64 products
+per pin, whatever the number of presses.
 
 Sensors of one make have fields that differ by a few numbers z of each sensor (module ``family``),
 
@@ -30,31 +30,36 @@ Lattice = npt.NDArray[np.float32]
 LENGTH_MM = 30.0
 """Length of the kernel: far longer than the workspace, so that the field is a stiff spline."""
 RIDGES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-"""Variances of noise against that of the field; the one that predicts held-out presses best."""
+"""Variances of noise relative to that of the field; the one that predicts held-out presses best is
+used."""
 FEWEST = 20
 """Presses below which no field is fitted: fewer than two would be held out."""
 PITCH_MM = (0.7, 0.7, 0.35)
-"""Pitch of the lattice in x, y, depth: over depth the field bends most, just after first touch."""
+"""Pitch of the lattice in x, y, depth: the field bends most over depth, just after first touch."""
 MARGIN_MM = 1.0
-"""The lattice reaches this far beyond the presses; beyond it, the value of its edge holds."""
+"""The lattice reaches this far beyond the presses; beyond it, the value at its edge is used."""
 _RESTING = 7
-"""Presses of depth 0 a side: there the field is known to be zero."""
+"""Presses of depth 0 along each side: at depth 0 the field is known to be zero."""
 _HELD_OUT = 10
-"""One press of so many is held out to choose the ridge."""
+"""One press in this many is held out to choose the ridge."""
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Q quantities as functions of x, y and depth; they are 0 without contact."""
+    """Q quantities as functions of x, y and depth; they are 0 without contact.
+
+    Attributes:
+        coefficients: (X, Y, D, (1 + V) Q) of the cubic B-splines, the mean before the ways of
+            variation.
+        low: (3,) mm, the first knot of each axis.
+        step: (3,) mm between knots.
+        ways: V, the number of ways in which fields of sensors of one make vary.
+    """
 
     coefficients: Lattice
-    """(X, Y, D, (1 + V) Q) of the cubic B-splines, the mean before what varies."""
     low: Array
-    """(3,) mm, the first knot of each axis."""
     step: Array
-    """(3,) mm between knots."""
     ways: int = 0
-    """V, in which fields of a make of sensors vary."""
 
     @classmethod
     def learn(
@@ -65,19 +70,19 @@ class Field:
         pitch: Sequence[float] = PITCH_MM,
         ridge: float | None = None,
     ) -> Self:
-        """Learn from single presses.
+        """Learn the field from single presses.
 
         Args:
-            contacts: (N, 3) mm.
-            values: (N, Q).
-            shares: (N, 1 + V) how much of the mean, 1, and of every way of variation is in the
-                field of a press, the z of its sensor; None: the presses are of one sensor.
-            pitch: of the lattice along each axis, mm.
-            ridge: variance of the noise against that of the field; None: it is chosen on presses
+            contacts: (N, 3) x, y and depth, mm.
+            values: (N, Q) quantities.
+            shares: (N, 1 + V) shares of the mean, 1, and of every way of variation in the field of
+                a press, which are the z of its sensor; None where all presses are of one sensor.
+            pitch: Pitch of the lattice along each axis, mm.
+            ridge: Variance of the noise relative to that of the field; None to choose it on presses
                 that are held out.
 
         Raises:
-            UserError: for fewer than twenty presses.
+            UserError: There are fewer than twenty presses.
         """
         if shares is None:
             shares = np.ones((len(contacts), 1))
@@ -101,7 +106,7 @@ class Field:
 
     @property
     def quantities(self) -> int:
-        """Q."""
+        """Number of quantities Q."""
         return int(self.coefficients.shape[3]) // (1 + self.ways)
 
     @property
@@ -111,7 +116,12 @@ class Field:
         return high
 
     def __call__(self, contacts: npt.ArrayLike, z: Array | None = None) -> Array:
-        """Return (..., Q) values of contacts (..., 3) mm for z (V,); None: those of the mean."""
+        """Return the values of contacts, (..., Q).
+
+        Args:
+            contacts: (..., 3) x, y and depth, mm.
+            z: (V,) numbers of the sensor; None for the values of the mean.
+        """
         values = self.slopes(contacts)[..., 0, :, :]
         if z is None or not self.ways:
             return values[..., 0, :]
@@ -122,16 +132,16 @@ class Field:
         """Return the values and their derivatives by x, y and depth, 1/mm.
 
         Args:
-            contacts: (..., 3) mm.
+            contacts: (..., 3) x, y and depth, mm.
 
         Returns:
             (..., 4, 1 + V, Q) of the mean and of every way of variation.
         """
-        given: Array = np.asarray(contacts, dtype=np.float64)
-        flat = np.ascontiguousarray(given.reshape(-1, 3))
+        places: Array = np.asarray(contacts, dtype=np.float64)
+        flat = np.ascontiguousarray(places.reshape(-1, 3))
         out = np.empty((len(flat), 4, self.coefficients.shape[3]), dtype=np.float32)
         evaluate(self.coefficients, self.low, self.step, flat, out)
-        shape = (*given.shape[:-1], 4, 1 + self.ways, self.quantities)
+        shape = (*places.shape[:-1], 4, 1 + self.ways, self.quantities)
         return out.reshape(shape).astype(np.float64)
 
     def turned(self, origin: Array, axes: Array) -> Self:
@@ -161,9 +171,12 @@ def matern(a: Array, b: Array, length: float) -> Array:
 
 
 def kriging(kernel: Array, values: Array, ridge: float) -> Array:
-    """Return (N, Q) weights with which a kernel (M, N) gives the values (N, Q).
+    """Return the (N, Q) weights that, multiplied by a kernel (M, N), predict values at M places.
 
-    kernel: (N, N) of the known places, which is overwritten. ridge: variance of the noise.
+    Args:
+        kernel: (N, N) kernel of the known places, which is overwritten.
+        values: (N, Q) values at the known places.
+        ridge: Variance of the noise relative to that of the values.
     """
     from scipy.linalg import cho_factor, cho_solve
 
@@ -178,18 +191,27 @@ def _kernel(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """Presses with their values, and places at which nothing presses, where every field is 0."""
+    """Presses with their values, and places at which nothing presses, where every field is 0.
+
+    Attributes:
+        places: (M, 3) x, y and depth, mm.
+        targets: (M, Q) values.
+        shares: (M, 1 + V) shares of the mean and of every way of variation.
+    """
 
     places: Array
-    """(M, 3) mm."""
     targets: Array
-    """(M, Q)."""
     shares: Array
-    """(M, 1 + V)."""
 
     @classmethod
     def of(cls, contacts: Array, values: Array, shares: Array) -> Self:
-        """Add places at which nothing presses to presses as ``Field.learn`` takes them."""
+        """Return presses, with places added at which nothing presses.
+
+        Args:
+            contacts: (N, 3) x, y and depth, mm.
+            values: (N, Q) quantities.
+            shares: (N, 1 + V) shares of the mean and of every way of variation.
+        """
         sides = [
             np.linspace(low, high, _RESTING)
             for low, high in zip(contacts.min(axis=0)[:2], contacts.max(axis=0)[:2], strict=True)
@@ -204,18 +226,21 @@ class Presses:
         )
 
     def weights(self, ridge: float) -> Array:
-        """Return (M, Q) weights of kriging: fields are independent, their covariances add up."""
+        """Return the (M, Q) weights of kriging; the covariances of independent fields add up."""
         kernel = _kernel(self.places, self.places) * (self.shares @ self.shares.T)
         return kriging(kernel, self.targets, ridge)
 
     def fields(self, contacts: Array, weights: Array) -> Array:
-        """Return (N, (1 + V) Q) of contacts (N, 3) mm, every field after the other."""
+        """Return the fields at contacts (N, 3) mm, (N, (1 + V) Q), one field after the other."""
         kernel = _kernel(contacts, self.places)
         return np.concatenate([kernel @ (share[:, None] * weights) for share in self.shares.T], 1)
 
 
 def _best_ridge(contacts: Array, values: Array, shares: Array) -> float:
-    """The ridge with the least squared error on every tenth press, learned from at most 1,500."""
+    """Return the ridge with the least squared error on every tenth press.
+
+    To bound the time at most 1,500 presses are learned from and 200 are tested.
+    """
     held = np.arange(len(contacts)) % _HELD_OUT == 0
     learned = np.flatnonzero(~held)[:1500]
     presses = Presses.of(contacts[learned], values[learned], shares[learned])
@@ -240,7 +265,7 @@ def single_press_rows(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
     """Return the rows with exactly one contact.
 
     Raises:
-        UserError: for answers that are no contacts.
+        UserError: An answer is a plate pose.
     """
     if not all(isinstance(answer, Contacts) for answer in truth):
         raise UserError(
@@ -251,7 +276,7 @@ def single_press_rows(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
 
 
 def contact_array(truth: Sequence[Answer]) -> Array:
-    """Return (N, K, 3) x, y, depth mm of answers of K contacts each."""
+    """Return x, y and depth of answers that have K contacts each, (N, K, 3) mm."""
     return np.stack(
         [
             np.column_stack([answer.xy, answer.depth])

@@ -1,8 +1,8 @@
 """Contact mixing: frames of several contacts made from single presses, for a training set.
 
 The displacements of single presses are added, every contact at its equivalent (``neighbours``), and
-the pins are drawn where that puts them. Nearest prior art: HapDefX (2019), whose transfer network
-saw real contacts one at a time only.
+the pins are drawn at the resulting places. Nearest prior art: HapDefX (2019), whose transfer
+network saw real contacts only one at a time.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from tactibench.superposition.picture import PinPicture
 Array = npt.NDArray[np.float64]
 
 MOST = 3
-"""Contacts of a mixed frame: 2 or this many, equally often."""
+"""Most contacts of a mixed frame: it has 2 or this many, equally often."""
 CLOSEST_MM = 5.5
-"""Least distance of two contacts: below it the tips of radius 3 mm would meet in the gel."""
+"""Smallest distance of two contacts: below it the tips of radius 3 mm would meet in the gel."""
 MISFIT = 0.3
-"""Most of the random errors, as a share of the fields that they are made of. It gives displacements
-that are off by a median of 0.18 px rms of 1.5, as sums of fields are on the nominal mechanics."""
+"""Largest random error, as a share of the fields that it is made of. It gives displacements that
+are off by a median of 0.18 px rms of 1.5, as sums of fields are on the nominal mechanics."""
 _GHOSTS = 5
-"""Fields of places drawn at random whose sum stands for the misfit."""
+"""Number of fields of random places whose sum stands for the misfit."""
 _RIDGE = 1e-3
-"""px^2 / mm^2 added to the squared length of a motion, which is 0 beyond the field's edge."""
+"""px^2 / mm^2 that is added to the squared length of a motion, which is 0 beyond the field's
+edge."""
 _BLOCK = 500
 """Frames whose contacts are drawn at once, to bound the memory."""
 
@@ -51,15 +52,16 @@ def mix(
     Only frames with one contact are used; places and depths are drawn over their range.
 
     Args:
-        frames: with their rest image.
-        truth: of the frames.
-        count: of new frames.
-        rng: all that is random comes from it.
-        law: how contacts act on each other; None: that of the nominal dome.
-        misfit: smooth random errors of the displacements, such as ``MISFIT``; 0: none.
+        frames: Frames with their rest image.
+        truth: True answers to the frames.
+        count: Number of new frames.
+        rng: Random numbers of everything that is drawn.
+        law: Law of how contacts act on each other; None for that of the nominal dome.
+        misfit: Largest smooth random error of the displacements, such as ``MISFIT``; 0 for none.
 
     Raises:
-        UserError: for fewer than twenty single presses or frames without a rest image.
+        UserError: There are fewer than twenty single presses, or fewer on every sensor; no frame
+            has a rest image; the answers are plate poses; or the presses cover too small a range.
     """
     rows = single_press_rows(truth)
     if len(rows) < FEWEST:
@@ -75,36 +77,41 @@ def mix(
     mixed: list[Frame] = []
     mixed_truth: list[Contacts] = []
     for number, sensor in enumerate(sensors):
-        own, field = len(range(number, count, len(sensors))), sensor.field()
-        for start in range(0, own, _BLOCK):
-            for contacts in _draw_contacts(min(_BLOCK, own - start), low, high, rng):
+        total_frames, field = len(range(number, count, len(sensors))), sensor.field()
+        for start in range(0, total_frames, _BLOCK):
+            for contacts in _draw_contacts(min(_BLOCK, total_frames - start), low, high, rng):
                 equivalents = law.equivalents(contacts)
                 total = field(equivalents).sum(axis=1)
                 if misfit:
                     total += _unexplained(field, equivalents, misfit, low, high, rng)
                 mixed += sensor.draw(total, rng)
                 mixed_truth += [Contacts.truth(each[:, :2], each[:, 2]) for each in contacts]
-    order = rng.permutation(count)  # so that any part of them is like the whole
+    order = rng.permutation(count)  # so that any part of the frames is like all of them
     return [mixed[k] for k in order], [mixed_truth[k] for k in order]
 
 
 @dataclass(frozen=True, eq=False)
 class _Sensor:
-    """Look and field of one sensor, with P pins of the layout and P' of its own."""
+    """Picture and field of one sensor, with P pins of the layout and P' of its own.
+
+    Attributes:
+        pins: Its pins on the layout.
+        picture: Picture of its pins.
+        sizes: (P',) sizes of its pins at rest.
+        family: Fields of (3 P,) displacements on the layout, px, and growth of the pins.
+        contacts: (N, 3) mm, its presses.
+        values: (N, 3 P) displacements and growth of its presses.
+    """
 
     pins: AlignedPins
     picture: PinPicture
     sizes: Array
-    """(P',) of its pins at rest."""
     family: FieldFamily
-    """Displacements on the layout, px, and growth of the pins, (3 P,)."""
     contacts: Array
-    """(N, 3) mm of its presses."""
     values: Array
-    """(N, 3 P) of its presses."""
 
     def field(self) -> Field:
-        """Return the field of one contact; many of them would not fit into memory."""
+        """Return the field of one contact; it is not stored, as many would not fit into memory."""
         clues = self.pins.layout_clues
         field = self.family.of_sensor(clues, self.contacts, self.values)
         return field.turned(np.zeros(field.ways), np.zeros((field.ways, 0)))
@@ -118,9 +125,17 @@ class _Sensor:
 
 
 def _learn_sensors(frames: Sequence[Frame], contacts: Array) -> list[_Sensor]:
-    """Return the sensors of single presses (N, 3) mm that there are frames enough of.
+    """Return the sensors that have enough frames.
 
-    Their fields are learned together, on the layout of the first one.
+    Their fields are learned together, on the layout of the first sensor.
+
+    Args:
+        frames: N frames of single presses.
+        contacts: (N, 3) x, y and depth of the presses, mm.
+
+    Raises:
+        UserError: No sensor has enough frames, no frame has a rest image, or the pins of a sensor
+            are not those of the layout.
     """
     by_sensor = AlignedSensors.of(frames)
     values = np.empty((len(frames), 3 * len(by_sensor.first.rest)))
@@ -161,11 +176,19 @@ def _unexplained(
     high: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """(S, 3 P) smooth random errors of a sum of fields.
+    """Return smooth random errors of a sum of fields, (S, 3 P).
 
-    Contacts act on each other in ways that no equivalents hold. A network that never sees that
-    takes the smallest bump for one more contact. Equivalents are those that explain most, so that
-    what is left is at right angles to every motion of them.
+    Contacts act on each other in ways that no equivalents describe. A network that never sees such
+    errors takes the smallest bump for one more contact. Equivalents explain as much as they can, so
+    the errors are orthogonal to every motion of the equivalents.
+
+    Args:
+        field: Field of one contact.
+        equivalents: (S, K, 3) mm.
+        misfit: Largest error, as a share of the fields that it is made of.
+        low: (3,) mm, smallest x, y and depth of the presses.
+        high: (3,) mm, largest x, y and depth of the presses.
+        rng: Random numbers.
     """
     count = len(equivalents)
     ghosts = rng.uniform(low, high, (count, _GHOSTS, 3))
@@ -183,7 +206,12 @@ def _unexplained(
 
 
 def _resting_size(size: Array, distance: Array) -> Array:
-    """(P,) size of every pin in the tenth of the frames in which it moves least."""
+    """Return the median size of every pin in the tenth of the frames in which it moves least.
+
+    Args:
+        size: (N, P) sizes.
+        distance: (N, P) displacements, px.
+    """
     least = np.argsort(distance, axis=0)[: max(1, len(distance) // 10)]
     return np.median(np.take_along_axis(size, least, axis=0), axis=0)
 
@@ -191,7 +219,13 @@ def _resting_size(size: Array, distance: Array) -> Array:
 def _draw_contacts(
     count: int, low: Array, high: Array, rng: np.random.Generator
 ) -> list[npt.NDArray[np.float64]]:
-    """Contacts in the box low..high, (S, 2, 3) and (S, MOST, 3), not closer than CLOSEST_MM."""
+    """Return contacts in the box low..high, (S, 2, 3) and (S', MOST, 3), S + S' = count.
+
+    Contacts of one frame are at least CLOSEST_MM apart.
+
+    Raises:
+        UserError: The box is too small for such contacts.
+    """
     crowds = int((rng.random(count) < 0.5).sum())
     groups = [(count - crowds, 2), (crowds, MOST)]
     return [_draw_apart(many, each, low, high, rng) for many, each in groups if many]

@@ -1,17 +1,17 @@
-"""The law of neighbouring contacts: each acts like a single one at another place and depth.
+"""The law of neighbouring contacts: each acts like a single contact at another place and depth.
 
-The pins' displacements of a press are close to a sum of single-press fields, if contact i counts
-with its *equivalent* e_i instead of itself: a neighbour j has lowered the skin under it, so it
-carries less (load sharing), and the skin between the two is drawn down, so it acts nearer to j:
+The pins' displacements of a press are close to a sum of single-press fields if contact i is
+replaced by its *equivalent* e_i: a neighbour j has lowered the skin under it, so it carries less
+(load sharing), and the skin between the two is drawn down, so it acts nearer to j:
 
     e_i = c_i + sum_{j != i} [s(i, j) towards_ij + p(i, j) beside_ij, h(i, j)]
 
 s, p and h are polynomials of the distance, both depths and the place of the pair on the dome. In a
-crowd a third contact takes load off both, which enters to first order.
+crowd a third contact takes load off both, which is included to first order.
 
 The shipped coefficients were fitted to finite-element mechanics of a nominal dome (radius 20 mm,
-tips of radius 3 mm, two and three at random places; benchmarks/neighbours.py makes them again).
-They hold lengths only, no camera and no pins, and no frame. ``NeighbourLaw.learn`` fits them to
+two and three tips of radius 3 mm at random places; benchmarks/neighbours.py computes them again).
+They contain lengths only: no camera, no pins and no frames. ``NeighbourLaw.learn`` fits them to
 labelled presses instead.
 """
 
@@ -31,32 +31,37 @@ Array = npt.NDArray[np.float64]
 FILE = "neighbours.npz"
 _CENTRE = np.array([9.0, 3.2, 3.2, -3.0, 0.0])
 _SCALE = np.array([3.0, 1.6, 1.6, 4.0, 3.0])
-"""Scales of distance, own depth, the neighbour's depth, own place towards and beside it, mm."""
+"""Centres and scales of distance, own depth, the neighbour's depth, and own place towards and
+beside the neighbour, mm."""
 _REACH = 2.2
-"""Features are cut here, in scales: a polynomial says nothing about what it has not seen."""
+"""Limit of features, in scales: a polynomial is not valid outside the range it was fitted to."""
 PAIR_DEGREE, CROWD_DEGREE = 4, 2
-"""Degrees of the polynomials of a pair, and of how a third contact changes it."""
+"""Degrees of the polynomials of a pair, and of its change by a third contact."""
 _ROUNDS = 8
-"""Turns of reweighting for Huber's loss."""
+"""Rounds of reweighting for Huber's loss."""
 _KNEE_MM = 0.03
-"""Misfit from which a shift counts less than by its square."""
+"""Misfit above which Huber's loss of a shift is no longer its square."""
 _RIDGE = 1e-5
+"""Precision with which coefficients are held to the start, as a share of the number of rows."""
 _APART_MM = 5.5
-"""Least distance of contacts that are put together anew, that of the shipped coefficients."""
+"""Smallest distance of contacts that are recombined, which is that of the shipped coefficients."""
 _TURNS = 3
-"""Times that every contact of a press is put together with those of other presses."""
+"""Times that every contact of a press is combined with contacts of other presses."""
 _STEP = 97
-"""Rows from a press to the one it is put together with: neighbouring rows may be alike."""
+"""Rows between two presses that are combined: neighbouring rows may be alike."""
 
 
 @dataclass(frozen=True, eq=False)
 class NeighbourLaw:
-    """The shifts of contacts by their neighbours."""
+    """The shifts of contacts by their neighbours.
+
+    Attributes:
+        pair: (T, 3) coefficients of s, p, h.
+        crowd: (2 U, 3) coefficients of their change by a third contact.
+    """
 
     pair: Array
-    """(T, 3) coefficients of s, p, h."""
     crowd: Array
-    """(2 U, 3) coefficients of their change by a third contact."""
 
     @classmethod
     def none(cls) -> Self:
@@ -64,11 +69,11 @@ class NeighbourLaw:
         return cls(np.zeros((_terms(PAIR_DEGREE), 3)), np.zeros((2 * _terms(CROWD_DEGREE), 3)))
 
     def equivalents(self, contacts: Array) -> Array:
-        """Return (S, K, 3) single contacts that act like contacts (S, K, 3), mm; NaN stays NaN."""
+        """Return the equivalents of contacts (S, K, 3) mm, (S, K, 3) mm; NaN stays NaN."""
         return contacts + self.shift(contacts)
 
     def shift(self, contacts: Array) -> Array:
-        """Return (S, K, 3) mm from each contact to its equivalent."""
+        """Return the shift from each contact (S, K, 3) mm to its equivalent, (S, K, 3) mm."""
         out = np.zeros_like(contacts)
         for pair in contact_pairs(contacts):
             out[:, pair.i] += pair.to_xy(self._value(pair, contacts))
@@ -81,7 +86,7 @@ class NeighbourLaw:
         return value
 
     def _taken(self, contacts: Array) -> Array:
-        """(S, K, K) depth that contact k takes off contact i, mm, as a pair would have it."""
+        """Return the depth that each contact j takes off contact i as a pair, mm, (S, K, K)."""
         taken = np.zeros((*contacts.shape[:2], contacts.shape[1]))
         for pair in contact_pairs(contacts):
             taken[:, pair.i, pair.j] = _powers(pair.features, PAIR_DEGREE) @ self.pair[:, 2]
@@ -93,17 +98,17 @@ class NeighbourLaw:
     ) -> Self:
         """Return the law fitted to contacts and their shifts.
 
-        Pairs and crowds are fitted in one linear system (a third contact's part is linear in the
-        depth that ``start`` says it takes off), by iteratively reweighted least squares (Huber,
-        0.03 mm) with a small ridge towards ``start``.
+        Pairs and crowds are fitted in one linear system (the part of a third contact is linear in
+        the depth that it takes off according to ``start``), by iteratively reweighted least squares
+        (Huber, 0.03 mm) with a small ridge towards ``start``.
 
         Args:
-            contacts: one (S, K, 3) array for every K > 1, mm.
-            shifts: alike, from these contacts, mm.
-            start: the law to start from, which is returned without contacts.
-            elsewhere: weight, of that of the shifts, with which the law is held to ``start`` at
-                contacts that are put together anew (``recombined``). Presses with one indenter lie
-                on a thin sheet of the features, off which they leave the polynomial free.
+            contacts: One (S, K, 3) array for every K > 1, mm.
+            shifts: Shifts from these contacts, in arrays of the same shapes, mm.
+            start: The law to start from, which is returned where there are no contacts.
+            elsewhere: Weight, as a share of that of the shifts, with which the law is held to
+                ``start`` at recombined contacts (``recombined``). Presses with one indenter lie on
+                a thin sheet of the features and do not determine the polynomial off this sheet.
         """
         if not any(len(presses) for presses in contacts):
             return start
@@ -117,7 +122,10 @@ class NeighbourLaw:
         return cls(*np.split(fitted, [len(start.pair)]))
 
     def _design(self, contacts: Array) -> Array:
-        """(S K 3, 3 T): how the shifts depend on all coefficients, component by component."""
+        """Return the derivatives of the shifts by all coefficients, (3 S K, 3 T).
+
+        T is the number of coefficients of a component, those of the pair before those of the crowd.
+        """
         frames, count = contacts.shape[:2]
         terms = len(self.pair) + len(self.crowd)
         taken = self._taken(contacts)
@@ -141,7 +149,7 @@ def nominal_law() -> NeighbourLaw:
 
 @cache
 def nominal_inverse_law() -> NeighbourLaw:
-    """Return the law from equivalents to the contacts, fitted apart, on the nominal dome."""
+    """Return the law from equivalents to contacts on the nominal dome, fitted by itself."""
     return _stored("inverse")
 
 
@@ -154,7 +162,15 @@ def _stored(name: str) -> NeighbourLaw:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Contact i beside contact j. features: (S, 5) scaled. towards, beside: (S, 2) unit vectors."""
+    """Contact i and its neighbour j, in S presses.
+
+    Attributes:
+        i: Number of the contact.
+        j: Number of the neighbour.
+        features: (S, 5) scaled features.
+        towards: (S, 2) unit vectors towards the neighbour.
+        beside: (S, 2) unit vectors at right angles to them.
+    """
 
     i: int
     j: int
@@ -163,18 +179,18 @@ class Pair:
     beside: Array
 
     def to_xy(self, value: Array) -> Array:
-        """Return (S, 3) x, y, depth of (S, 3) towards, beside, depth."""
+        """Return shifts (S, 3) towards, beside and in depth as shifts in x, y and depth, (S, 3)."""
         xy = self.towards * value[:, :1] + self.beside * value[:, 1:2]
         return np.concatenate([xy, value[:, 2:]], axis=1)
 
     def from_xy(self, value: Array) -> Array:
-        """Return (S, 3) towards, beside, depth of (S, 3) x, y, depth."""
+        """Return shifts (S, 3) in x, y and depth as shifts towards, beside and in depth, (S, 3)."""
         along, across = ((value[:, :2] * axis).sum(axis=1) for axis in (self.towards, self.beside))
         return np.stack([along, across, value[:, 2]], axis=1)
 
 
 def contact_pairs(contacts: Array) -> list[Pair]:
-    """Return every contact of (S, K, 3) beside every other."""
+    """Return the pairs of every contact of (S, K, 3) mm with every other contact."""
     return [
         _pair_of(contacts, i, j)
         for i in range(contacts.shape[1])
@@ -188,14 +204,22 @@ def _pair_of(contacts: Array, i: int, j: int) -> Pair:
     distance = np.maximum(np.hypot(*apart.T), 1e-6)
     towards = apart / distance[:, None]
     beside = np.stack([-towards[:, 1], towards[:, 0]], axis=1)
-    own = contacts[:, i, :2]
-    place = [(own * towards).sum(axis=1), (own * beside).sum(axis=1)]
+    xy = contacts[:, i, :2]
+    place = [(xy * towards).sum(axis=1), (xy * beside).sum(axis=1)]
     raw = np.stack([distance, contacts[:, i, 2], contacts[:, j, 2], *place], axis=1)
     return Pair(i, j, ((raw - _CENTRE) / _SCALE).clip(-_REACH, _REACH), towards, beside)
 
 
 def _crowd(pair: Pair, taken: Array) -> Array:
-    """(S, 2 U): what the others take off i, and off j, each times the powers of the pair."""
+    """Return the features of a crowd, (S, 2 U).
+
+    These are the depths that other contacts take off i, and off j, each times the powers of the
+    pair.
+
+    Args:
+        pair: Contacts i and j.
+        taken: (S, K, K) depth that each contact takes off another, mm.
+    """
     powers = _powers(pair.features, CROWD_DEGREE)
     off_i = taken[:, pair.i].sum(axis=1) - taken[:, pair.i, pair.j]
     off_j = taken[:, pair.j].sum(axis=1) - taken[:, pair.j, pair.i]
@@ -204,7 +228,7 @@ def _crowd(pair: Pair, taken: Array) -> Array:
 
 @cache
 def _products(degree: int) -> tuple[tuple[int, ...], ...]:
-    """The features of every product up to a degree, in rising degree."""
+    """Return the features of every product up to a degree, in rising degree."""
     return tuple(
         product for d in range(degree + 1) for product in combinations_with_replacement(range(5), d)
     )
@@ -212,8 +236,11 @@ def _products(degree: int) -> tuple[tuple[int, ...], ...]:
 
 @cache
 def _growth(degree: int) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]:
-    """For every degree from 1: a product of the one before it, and the feature to multiply."""
-    ranks = [[one for one in _products(degree) if len(one) == d] for d in range(degree + 1)]
+    """Return for every degree from 1 how its products follow from those of the degree before.
+
+    These are the number of the shorter product, and the feature that multiplies it.
+    """
+    ranks = [[term for term in _products(degree) if len(term) == d] for d in range(degree + 1)]
     return [
         (
             np.array([shorter.index(product[:-1]) for product in longer]),
@@ -228,7 +255,7 @@ def _terms(degree: int) -> int:
 
 
 def _powers(features: Array, degree: int) -> Array:
-    """(S, T) all products of the features up to the degree."""
+    """Return all products of the features (S, 5) up to a degree, (S, T)."""
     blocks = [np.ones((len(features), 1))]
     for shorter, last in _growth(degree):
         blocks.append(blocks[-1][:, shorter] * features[:, last])
@@ -236,9 +263,9 @@ def _powers(features: Array, degree: int) -> Array:
 
 
 def recombined(contacts: Array) -> Array:
-    """Return contacts (S', K, 3) of different presses put together, 5.5 mm apart or more.
+    """Return recombined contacts of different presses, 5.5 mm or more apart, (S', K, 3) mm.
 
-    Every contact of (S, K, 3) is as it was, with neighbours at other places and of other depths.
+    Every contact of (S, K, 3) keeps its place and depth, but has neighbours of other presses.
     """
     each = contacts.shape[1]
     anew = np.concatenate(
@@ -256,7 +283,14 @@ def recombined(contacts: Array) -> Array:
 
 
 def _robust(rows: Array, wanted: Array, start: Array, held: Array) -> Array:
-    """(T,) coefficients by Huber's loss, held to ``start`` with the precision ``held`` (T, T)."""
+    """Return the coefficients with the least Huber loss, (T,).
+
+    Args:
+        rows: (R, T) derivatives of the shifts by the coefficients.
+        wanted: (R,) shifts, mm.
+        start: (T,) coefficients to which the result is held.
+        held: (T, T) precision with which it is held.
+    """
     solution = start
     for turn in range(_ROUNDS):
         off = np.abs(wanted - rows @ solution)

@@ -1,15 +1,15 @@
 """Least squares of several contacts whose fields add up, by damped Gauss-Newton.
 
-Beside the contacts a frame may depend on a few numbers that nobody asks for: what its sensor
-differs by from the mean of its make (``Field.ways``), and how the image has moved. They are fitted
-with the contacts, and each is known beforehand to be normal with deviation 1. Against that stands a
-misfit whose size nobody knows beforehand: several contacts are superposed with errors far beyond
-the camera's noise. So the noise's variance counts as what the fit itself shows, at least 1:
+Besides the contacts a frame may depend on a few nuisances n: the numbers by which its sensor
+differs from the mean of its make (``Field.ways``), and the motion of the image. They are fitted
+together with the contacts; the prior of each is normal with standard deviation 1. The size of the
+misfit is not known beforehand: several contacts are superposed with errors far beyond the camera's
+noise. So the variance s of the noise follows from the fit itself and is at least 1:
 
     misfit / s + Q log s + |n|^2,    s = max(misfit / Q, 1)
 
-is minimised, the likelihood of n with the best variance. Misfit beyond the camera's noise is
-correlated, so that the sensor's part of |n|^2 then counts more (``compiled.hold_of``).
+is minimised. This is the likelihood of n with the best variance. Misfit beyond the camera's noise
+is correlated, so the sensor's part of |n|^2 then counts more (``compiled.hold_of``).
 """
 
 from __future__ import annotations
@@ -25,24 +25,26 @@ from tactibench.superposition.field import Field
 Array = npt.NDArray[np.float64]
 
 _STEPS = 12
-"""At most so many steps a frame."""
+"""Most steps of a frame."""
 _SHALLOWEST_MM = 0.02
-"""A contact may not become shallower: at depth 0 its place has no effect, and the step no
-direction."""
+"""Smallest depth of a contact: at depth 0 its place has no effect, and a step no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Contacts of S frames."""
+    """Contacts of S frames.
+
+    Attributes:
+        contacts: (S, K, 3) x, y, depth, mm.
+        left: (S, Q) residual displacements.
+        normal: (S, 3 K, 3 K) information on the contacts, with the nuisances unknown.
+        nuisances: (S, M) numbers of the field's ways of variation, then of the image's motions.
+    """
 
     contacts: Array
-    """(S, K, 3) x, y, depth mm."""
     left: Array
-    """(S, Q) displacements that they do not explain."""
     normal: Array
-    """(S, 3 K, 3 K) information on the contacts, the nuisances being as unknown as they are."""
     nuisances: Array
-    """(S, M) the field's ways of variation, then the image's motions."""
 
 
 def solve(
@@ -58,18 +60,19 @@ def solve(
 
         misfit = sum_q weight_q (moved_q - sum_k field_q(contact_k; n) - (n motions)_q)^2
 
-    Levenberg-Marquardt with one damping a frame; a step that does not help is taken back.
+    The method is Levenberg-Marquardt with one damping per frame; a step that does not help is taken
+    back.
 
     Args:
-        field: of one contact.
+        field: Field of one contact.
         moved: (S, Q) displacements.
-        start: (S, K, 3) mm.
+        start: (S, K, 3) x, y and depth at which the fit starts, mm.
         weight: (Q,) or (S, Q), 1 / variance.
-        steps: at most.
+        steps: Most steps of a frame.
         whitener: (Q, M) by which residuals are multiplied before they are weighted, for
             displacements whose errors are not independent; weight is then (M,) or (S, M), and
             ``left`` of the solution (S, M).
-        motions: (R, Q) displacements by each motion of the image; None: it has not moved.
+        motions: (R, Q) displacements by each motion of the image; None where it has not moved.
     """
     motions = np.empty((0, moved.shape[1])) if motions is None else motions
     whitener = np.empty((0, 0)) if whitener is None else np.ascontiguousarray(whitener)
@@ -80,11 +83,11 @@ def solve(
     size = 3 * count + nuisances.shape[1]
     normal = np.empty((frames, size, size))
     low = np.array([*field.low[:2], _SHALLOWEST_MM])
-    known = field.coefficients, field.low, field.step, field.ways, low, field.high
+    arrays = field.coefficients, field.low, field.step, field.ways, low, field.high
     weights = np.broadcast_to(np.asarray(weight, dtype=np.float64), left.shape)
     for k in range(frames):
         fit_frame(
-            known,
+            arrays,
             motions,
             np.ascontiguousarray(moved[k], dtype=np.float64),
             np.ascontiguousarray(weights[k]),
@@ -99,12 +102,12 @@ def solve(
 
 
 def cost_of(solution: Solution, weight: Array, ways: int) -> float:
-    """Return the misfit of one frame, and its nuisances' part in units of it.
+    """Return the misfit of one frame plus the penalty of its nuisances in units of the misfit.
 
     Args:
-        solution: of the frame.
+        solution: Solution of the frame.
         weight: (Q,) 1 / variance.
-        ways: numbers of the sensor, the first ones among the nuisances.
+        ways: Number of the nuisances that are numbers of the sensor; they are the first.
     """
     misfit = float((weight * solution.left[0] ** 2).sum())
     noise = max(misfit / len(weight), 1.0)
@@ -114,7 +117,10 @@ def cost_of(solution: Solution, weight: Array, ways: int) -> float:
 
 
 def _information(normal: Array, count: int) -> Array:
-    """The information on the first ``count`` parameters, the others eliminated (Schur)."""
+    """Return the information on the first ``count`` parameters, with the others eliminated.
+
+    This is the Schur complement.
+    """
     if normal.shape[1] == count:
         return normal
     across = normal[:, :count, count:]

@@ -1,4 +1,4 @@
-"""The picture of a sensor's pins, learned from frames, and frames drawn with pins elsewhere."""
+"""The picture of a sensor's pins, learned from frames, and frames drawn with moved pins."""
 
 from __future__ import annotations
 
@@ -14,36 +14,46 @@ Images = npt.NDArray[np.uint8]
 _STEP_PX = 0.1
 """Width of the bins of distance."""
 _SIZES = 12
-"""Bins of size, equally filled."""
+"""Number of bins of size, which are equally filled."""
 _WINDOW_PX = 1.5
 """Standard deviation of the window in which the size of a pin is measured."""
 _FRAMES = 200
-"""Frames from which the look is learned, spread evenly over all."""
+"""Frames from which the picture is learned, spread evenly over all."""
 _CLEAR = 0.6
 """A pixel farther from every pin than this share of the pins' spacing shows the background."""
 _SMOOTH_PX = 4.0
-"""Under pins that never move the background is that of pixels around, weighted by a Gaussian."""
+"""Under pins that never move, the background is the mean of pixels around, weighted by a Gaussian
+of this standard deviation."""
 _WHITE = 255
+"""Largest grey level."""
 
 
 @dataclass(frozen=True, eq=False)
 class PinPicture:
-    """A picture of the background and of pins of several sizes."""
+    """A picture of the background and of pins of several sizes.
+
+    Attributes:
+        background: (H, W) grey levels.
+        light: (Z, B) grey levels of a pin over the background, by size and distance.
+        sizes: (Z,) sizes as ``measure`` returns them, rising.
+        noise: (2,): the variance of a pixel is noise[0] + noise[1] * grey.
+        reach: Half the width of a pin's window, px.
+    """
 
     background: Array
-    """(H, W) grey levels."""
     light: Array
-    """(Z, B) grey levels of a pin of a size at a distance."""
     sizes: Array
-    """(Z,) as ``measure`` gives them, rising."""
     noise: Array
-    """(2,): the variance of a pixel is noise[0] + noise[1] * grey."""
     reach: int
-    """Half a pin's window, px."""
 
     @classmethod
     def learn(cls, images: Images, pins: Array) -> Self:
-        """Learn from frames (N, H, W) and their pins (N, P, 2) px; a few hundred are enough."""
+        """Learn the picture from frames, of which a few hundred are enough.
+
+        Args:
+            images: (N, H, W) gray frames.
+            pins: (N, P, 2) px, the places of their pins.
+        """
         some = np.unique(np.linspace(0, len(images) - 1, min(_FRAMES, len(images))).astype(int))
         images, pins = images[some], pins[some]
         apart = _nearest(pins)
@@ -67,7 +77,12 @@ class PinPicture:
         return cls(background, drawn.light, sizes, noise, reach)
 
     def measure(self, images: Images, pins: Array) -> Array:
-        """Return (N, P) the size of every pin: its light in a Gaussian window, grey x px^2."""
+        """Return the size of every pin, (N, P): its light in a Gaussian window, grey x px^2.
+
+        Args:
+            images: (N, H, W) gray frames.
+            pins: (N, P, 2) px, the places of their pins.
+        """
         out = np.empty(pins.shape[:2])
         for k, (image, xy) in enumerate(zip(images, pins, strict=True)):
             light, distance, inside = self._windows((image - self.background)[None], xy[None])
@@ -76,7 +91,13 @@ class PinPicture:
         return out
 
     def draw(self, pins: Array, sizes: Array, rng: np.random.Generator) -> Images:
-        """Return (N, H, W) uint8 frames of pins (N, P, 2) px of sizes (N, P), with noise."""
+        """Return frames of pins, with noise, (N, H, W) uint8.
+
+        Args:
+            pins: (N, P, 2) px, the places of the pins.
+            sizes: (N, P) sizes of the pins, as ``measure`` returns them.
+            rng: Random numbers of the noise.
+        """
         clean = self._clean(pins, sizes)
         spread = np.sqrt(np.maximum(self.noise[0] + self.noise[1] * clean, 0.0))
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
@@ -95,7 +116,7 @@ class PinPicture:
         return out
 
     def _profile(self, distance: Array, sizes: Array) -> Array:
-        """Light by distance, between the two bins of distance and of size around."""
+        """Return the light of pins by distance and size, interpolated between bins."""
         place = (distance / _STEP_PX - 0.5).clip(0, self.light.shape[1] - 1.001)
         size = np.interp(sizes, self.sizes, np.arange(len(self.sizes), dtype=np.float64))
         size = size.clip(0, max(len(self.sizes) - 1.001, 0.0))
@@ -109,7 +130,11 @@ class PinPicture:
         return value
 
     def _windows(self, images: Array, pins: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-        """Light, distance from the pin and whether it counts, (N, P, side, side)."""
+        """Return the windows of pins, (N, P, side, side).
+
+        Returns:
+            Light of every pixel, its distance from the pin, px, and whether it counts.
+        """
         row, column, distance, inside = self._cells(pins)
         frame = np.arange(len(images))[:, None, None, None]
         return images[frame, row, column], distance, inside
@@ -117,7 +142,12 @@ class PinPicture:
     def _cells(
         self, pins: Array
     ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array, npt.NDArray[np.bool_]]:
-        """Row and column of the pixels around pins (..., 2), clipped to the frame; see _windows."""
+        """Return the pixels around pins (..., 2) px, (..., side, side).
+
+        Returns:
+            Row and column of every pixel, clipped to the frame, its distance from the pin, px, and
+            whether it counts: it is in the frame and near enough.
+        """
         height, width = self.background.shape
         steps = np.arange(-self.reach, self.reach + 1)
         middle = np.rint(pins).astype(np.intp)
@@ -130,7 +160,13 @@ class PinPicture:
 
 
 def _background(images: Images, pins: Array, clear: float) -> Array:
-    """(H, W) mean grey level of every pixel over the frames in which no pin is near it."""
+    """Return the mean level of every pixel over the frames in which no pin is near it, (H, W).
+
+    Args:
+        images: (N, H, W) gray frames.
+        pins: (N, P, 2) px, the places of their pins.
+        clear: Distance from every pin beyond which a pixel shows the background, px.
+    """
     import cv2
 
     total, count = np.zeros(images.shape[1:]), np.zeros(images.shape[1:])
@@ -145,19 +181,22 @@ def _background(images: Images, pins: Array, clear: float) -> Array:
     side = (0, 0)
     around = cv2.GaussianBlur(total, side, _SMOOTH_PX), cv2.GaussianBlur(count, side, _SMOOTH_PX)
     filled = around[0] / np.maximum(around[1], 1e-9)
-    own: Array = np.where(count > 0.2 * len(images), total / np.maximum(count, 1), filled)
-    return own
+    level: Array = np.where(count > 0.2 * len(images), total / np.maximum(count, 1), filled)
+    return level
 
 
 def _nearest(pins: Array) -> Array:
-    """(N, P) px from every pin to the nearest other one."""
+    """Return the distance of every pin to its nearest neighbour, (N, P) px."""
     from scipy.spatial import cKDTree
 
     return np.stack([cKDTree(places).query(places, k=2)[0][:, 1] for places in pins])
 
 
 def _by_distance(distance: Array, value: Array, bins: int) -> Array:
-    """(bins,) mean value by distance; empty bins take the nearest filled one's."""
+    """Return the mean value by distance, (bins,).
+
+    Empty bins are interpolated between filled ones, and the last bin is 0.
+    """
     place = np.minimum((distance / _STEP_PX).astype(int), bins - 1)
     count = np.bincount(place, minlength=bins)
     total = np.bincount(place, value, minlength=bins)
@@ -168,7 +207,14 @@ def _by_distance(distance: Array, value: Array, bins: int) -> Array:
 
 
 def _noise(images: Images, clean: npt.NDArray[np.float32]) -> Array:
-    """Variance by grey level: robust spread of what the drawing leaves, in eight equal groups."""
+    """Return offset and slope of the noise's variance by grey level, (2,).
+
+    They are fitted to robust variances of the residuals in eight equal groups of grey levels.
+
+    Args:
+        images: (N, H, W) gray frames.
+        clean: (N, H, W) the same frames, drawn without noise.
+    """
     left = (images - clean).ravel()
     grey = clean.ravel()
     some = slice(None, None, max(1, len(left) // 400_000))
@@ -181,7 +227,7 @@ def _noise(images: Images, clean: npt.NDArray[np.float32]) -> Array:
 
 
 def _variance(values: npt.NDArray[np.floating]) -> float:
-    """Variance without what lies beyond four robust deviations of the median.
+    """Return the variance of values within four robust standard deviations of the median.
 
     A median deviation alone would jump from one whole grey level to the next.
     """

@@ -1,8 +1,8 @@
 """The residual of the law of ``neighbours`` for two contacts, learned from pairs.
 
-The law is a polynomial; its residual is smooth, small and the same for every pair that looks alike.
-It is kriged over the same five features, in the frame of the pair. A mirrored pair has
-the mirrored residual, so along the pair and in depth the kernel is even in the place beside it,
+The law is a polynomial; its residual is smooth, small and the same for pairs with the same
+features. It is kriged over these five features, in the frame of the pair. A mirrored pair has the
+mirrored residual, so along the pair and in depth the kernel is even in the place beside the pair,
 and across the pair it is odd.
 """
 
@@ -20,36 +20,40 @@ from tactibench.superposition.neighbours import contact_pairs, recombined
 Array = npt.NDArray[np.float64]
 
 LENGTHS = (1.5, 2.0, 3.0)
-"""Lengths of the kernel, in the features' scales."""
+"""Lengths of the kernel that are tried, in the features' scales."""
 RIDGES = (3e-3, 1e-2, 3e-2, 1e-1)
-"""Variance of noise against that of the residual."""
+"""Variances of noise relative to that of the residual that are tried."""
 FEWEST = 100
-"""Pairs from which something is learned; with fewer the residual is taken as nothing."""
+"""Fewest pairs from which a residual is learned; with fewer it is zero."""
 _MIRROR = np.array([1.0, 1.0, 1.0, 1.0, -1.0])
 """Signs of the features when a pair is mirrored at the line through both contacts."""
 _ALONG, _ACROSS = [0, 2], [1]
+"""Components of a shift in which the kernel is even, and in which it is odd."""
 _HELD_OUT = 10
-"""One pair of so many is held out to choose length and ridge."""
+"""One pair in this many is held out to choose length and ridge."""
 _FAR = 0.7
-"""Scales from every pair that was learned from, beyond which the residual is held to nothing."""
+"""Distance from every training pair, in scales, beyond which the residual is held to zero."""
 _HELD = 600
-"""Places, about, at which it is held to nothing."""
+"""Approximate number of places at which the residual is held to zero."""
 _OUTLIER = 6.0
-"""Robust standard deviations; a pair that is left with more was seen wrongly."""
+"""Robust standard deviations beyond which the residual of a pair comes from a wrong detection."""
 
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A kriged shift of two contacts."""
+    """A kriged shift of two contacts.
+
+    Attributes:
+        features: (N, 5) features of the training.
+        along: (N, 2) weights towards the neighbour and in depth.
+        across: (N, 1) weights across the pair.
+        length: Length of the kernel, in the features' scales.
+    """
 
     features: Array
-    """(N, 5) features that were learned from."""
     along: Array
-    """(N, 2) weights towards the neighbour and in depth."""
     across: Array
-    """(N, 1) weights across the pair."""
     length: float
-    """Length of the kernel."""
 
     @classmethod
     def none(cls) -> Self:
@@ -58,10 +62,14 @@ class Residual:
 
     @classmethod
     def learn(cls, contacts: Array, left: Array) -> Self:
-        """Learn from equivalents of pairs (S, 2, 3) mm and their residual shifts (S, 2, 3) mm.
+        """Learn the residual from pairs.
 
-        Length and ridge are those that predict every tenth pair best. Among pairs unlike all of
-        these, such as uneven ones after level ones, the residual is nothing.
+        Length and ridge are those that predict every tenth pair best. For pairs unlike all of the
+        training, such as uneven pairs after level ones, the residual is zero.
+
+        Args:
+            contacts: (S, 2, 3) equivalents of pairs, mm.
+            left: (S, 2, 3) their residual shifts, mm.
         """
         size = np.maximum(1.4826 * np.median(np.abs(left), axis=(0, 1)), 1e-6)
         usual = (np.abs(left) < _OUTLIER * size).all(axis=(1, 2))
@@ -91,7 +99,7 @@ class Residual:
         return cls(features, along, across, length)
 
     def shift(self, contacts: Array) -> Array:
-        """Return (S, K, 3) mm to add to equivalents (S, K, 3); zero unless K is 2."""
+        """Return the shifts to add to equivalents (S, K, 3), both in mm; zero unless K is 2."""
         out = np.zeros_like(contacts)
         if contacts.shape[1] == 2 and len(self.features):
             for pair in contact_pairs(contacts):
@@ -99,7 +107,7 @@ class Residual:
         return out
 
     def _predict(self, features: Array) -> Array:
-        """(S, 3) towards, beside, depth."""
+        """Return the shifts towards, beside and in depth, (S, 3) mm, of features (S, 5)."""
         same, mirrored = _kernels(features, self.features, self.length)
         out = np.empty((len(features), 3))
         out[:, _ALONG] = (same + mirrored) @ self.along
@@ -108,14 +116,19 @@ class Residual:
 
 
 def _samples(contacts: Array, left: Array) -> tuple[Array, Array]:
-    """(2, S, 5) features and (2, S, 3) residual shifts, in the frames of the pairs."""
-    both = contact_pairs(contacts)
-    wanted = [pair.from_xy(left[:, pair.i]) for pair in both]
-    return np.stack([pair.features for pair in both]), np.stack(wanted)
+    """Return (2, S, 5) features and (2, S, 3) residual shifts, in the frames of the pairs."""
+    pairs = contact_pairs(contacts)
+    wanted = [pair.from_xy(left[:, pair.i]) for pair in pairs]
+    return np.stack([pair.features for pair in pairs]), np.stack(wanted)
 
 
 def _far_from(features: Array, contacts: Array) -> Array:
-    """(N, 5) features of pairs put together anew that are far from the given ones (M, 5)."""
+    """Return the features of recombined pairs that are far from given features, (N, 5).
+
+    Args:
+        features: (M, 5) given features.
+        contacts: (S, 2, 3) mm, pairs that are recombined.
+    """
     from scipy.spatial import cKDTree
 
     anew = np.concatenate([pair.features for pair in contact_pairs(recombined(contacts))])
@@ -128,5 +141,5 @@ def _flat(values: Array) -> Array:
 
 
 def _kernels(a: Array, b: Array, length: float) -> tuple[Array, Array]:
-    """(M, N) between features, and between those and the mirrored ones."""
+    """Return the kernels (M, N) between features, and between features and mirrored features."""
     return matern(a, b, length), matern(a, b * _MIRROR, length)

@@ -3,9 +3,9 @@
 Steps at a high learning rate circle the minimum that they have reached; their mean lies inside the
 circle (Polyak and Juditsky 1992; for networks Izmailov et al. 2018, "Averaging weights leads to
 wider optima and better generalization"). Averaged weights have no statistics of batch normalisation
-of their own, and running averages over the last few batches would stay in the predictions of a
-network that reads an absolute depth as a bias. So they are measured over many frames ("precise"
-batch normalisation, Wu and Johnson 2021, Rethinking "Batch" in BatchNorm).
+of their own, and running averages over the last few batches would bias the predictions of a network
+that reads an absolute depth. So the statistics are measured over many frames ("precise" batch
+normalisation, Wu and Johnson 2021, Rethinking "Batch" in BatchNorm).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from torch.optim.swa_utils import AveragedModel
 
 _RAMP = 10
-"""The mean of the first n steps reaches back over a ninth of them: it leaves the start behind."""
+"""The mean after n steps reaches back over about a ninth of them, so it forgets the start."""
 
 
 def average_weights(network: nn.Module, decay: float) -> AveragedModel:
-    """Return an exponential moving average, with this decay a step, of a network's weights.
+    """Return an exponential moving average of a network's weights, with a decay per step.
 
-    ``update_parameters`` takes in a step. ``module`` is a network with the mean weights; the
-    statistics of batch normalisation in it are those of the last step until they are measured.
+    Its ``update_parameters`` adds the weights of a step. Its ``module`` is a network with the mean
+    weights; the statistics of batch normalisation in it must be measured before it is used.
     """
 
     def update(mean: Any, weights: Any, count: torch.Tensor | int) -> None:
@@ -47,8 +47,9 @@ def measure_statistics(
     """Replace the running statistics of batch normalisation by plain means over batches of images.
 
     Args:
-        network: changed in place; nothing happens where it does not normalise by its batch.
-        batches: of images.
+        network: A network that is changed in place; nothing happens where it has no batch
+            normalisation.
+        batches: Batches of images.
         forward: forward(network, images), the pass in the arithmetic of the training.
     """
     layers = [module for module in network.modules() if isinstance(module, _BatchNorm)]

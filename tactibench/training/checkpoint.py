@@ -1,4 +1,4 @@
-"""Checkpoint of a training: all that it needs to go on after a kill, written after every epoch."""
+"""Checkpoint of a training, from which it continues after a kill; written after every epoch."""
 
 from __future__ import annotations
 
@@ -19,8 +19,16 @@ _SCHEMA = 1
 class TrainingState:
     """Progress of a training after ``epoch`` epochs.
 
-    Shuffling and layer noise are functions of seed and epoch and the learning rate is one of the
-    step, so there is no generator and no schedule to store.
+    Shuffling and layer noise are functions of seed and epoch, and the learning rate is a function
+    of the step, so no generator and no schedule is stored.
+
+    Attributes:
+        epoch: Number of epochs that are done.
+        best_loss: The best validation loss; None where there is none.
+        best_epoch: Number of epochs after which it was reached.
+        seconds: Duration of the epochs, s.
+        history: Loss and errors of every epoch.
+        best: Weights with the best validation loss.
     """
 
     epoch: int = 0
@@ -29,7 +37,6 @@ class TrainingState:
     seconds: float = 0.0
     history: list[dict[str, float]] = field(default_factory=list)
     best: dict[str, torch.Tensor] = field(default_factory=dict)
-    """Weights with the best validation loss."""
 
 
 def save_checkpoint(
@@ -40,9 +47,15 @@ def save_checkpoint(
     optimiser: torch.optim.Optimizer,
     mean: nn.Module | None = None,
 ) -> None:
-    """Replace the checkpoint in the folder; the one before stays whole until then.
+    """Replace the checkpoint in the folder; the old one stays intact until then.
 
-    mean: of the weights over the steps, where there is one.
+    Args:
+        directory: Folder of the checkpoint.
+        identity: Identity of the training.
+        state: Progress of the training.
+        network: The network.
+        optimiser: Its optimiser.
+        mean: Mean of the weights over the steps, where there is one.
     """
     groups = {
         "network": network.state_dict(),
@@ -68,11 +81,18 @@ def load_checkpoint(
     optimiser: torch.optim.Optimizer,
     mean: nn.Module | None = None,
 ) -> tuple[TrainingState, str | None]:
-    """Put network, optimiser and mean where the checkpoint left them.
+    """Set network, optimiser and mean to their state in the checkpoint.
+
+    Args:
+        directory: Folder of the checkpoint.
+        identity: Identity of the training.
+        network: The network.
+        optimiser: Its optimiser.
+        mean: Mean of the weights over the steps, where there is one.
 
     Returns:
-        The state and None; or a fresh state, nothing else touched, with a sentence that says why
-        a checkpoint that is there was not used (None where there is none).
+        The state of the checkpoint and None. Where it cannot be used, a fresh state and a sentence
+        that tells why; nothing else is changed. Where there is none, a fresh state and None.
     """
     try:
         tensors, header = read_container(directory / FILE)
@@ -100,7 +120,11 @@ def _weights(optimiser: torch.optim.Optimizer) -> list[torch.Tensor]:
 
 
 def _restore_optimiser(optimiser: torch.optim.Optimizer, tensors: dict[str, torch.Tensor]) -> None:
-    """Moments take the memory layout of their weight: fused kernels walk both in step."""
+    """Set the state of an optimiser.
+
+    Moments get the memory layout of their weight, because fused kernels read both in the same
+    order.
+    """
     weights = _weights(optimiser)
     for key, value in tensors.items():
         index, _, name = key.partition("/")

@@ -1,8 +1,8 @@
 """Configurations in which one network can compute its outputs, to be timed against each other.
 
-A forward pass here takes a model's ``inputs`` and returns raw float32 outputs. The frozen graph is
-TorchScript: it needs no compiler where it runs and saves Python's part between the layers, which
-counts in a network that computes one frame in some milliseconds.
+A forward pass takes a model's ``inputs`` and returns raw float32 outputs. The frozen graph is
+TorchScript: it needs no compiler where it runs and saves the time of Python between the layers,
+which matters in a network that computes one frame in a few milliseconds.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ Forward = Callable[[torch.Tensor], torch.Tensor]
 Fold = Callable[[nn.Module, str], nn.Module]
 
 _TOLERANCE = 1e-3
-"""Largest difference to the folded network, as a share of the largest output."""
+"""Largest difference from the folded network, as a share of the largest output."""
 _TOLERANCE_BF16 = 2e-2
-"""The same where outputs are numbers of 8 bits."""
+"""The same where outputs are bf16, whose numbers have 8 bits of precision."""
 
 
 class UnavailableError(Exception):
-    """A configuration that this machine or network cannot compute; the text says why."""
+    """A configuration that this machine or network cannot compute; the message tells why."""
 
 
 def prepare_forward(
     name: str, network: nn.Module, fold: Fold, example: torch.Tensor, device: str
 ) -> Forward:
-    """Return the forward pass of a configuration, made ready for any number of frames.
+    """Return the forward pass of a configuration, prepared for any number of frames.
 
     Args:
-        name: one of CONFIGURATIONS.
-        network: trained, in evaluation mode, on the device.
-        fold: fold(network, precision), a copy for inference.
+        name: A name in CONFIGURATIONS.
+        network: A trained network in evaluation mode, on the device.
+        fold: fold(network, precision), which returns a copy for inference.
         example: (N, ...) inputs.
         device: "cpu" or "cuda".
 
     Raises:
-        UnavailableError: with the reason.
-        KeyError: for a name that is none of CONFIGURATIONS.
+        UnavailableError: This machine or the network cannot compute the configuration.
+        KeyError: The name is not in CONFIGURATIONS.
     """
     make: dict[str, Callable[[], Forward]] = {
         "float32": lambda: network,
@@ -62,7 +62,7 @@ def prepare_forward(
     with torch.no_grad():
         compute = make[name]()
     precision = "bf16" if name == "bf16" else "float32"  # a frozen graph holds its own casts
-    # inductor would compile again inside inference mode what it compiled outside of it.
+    # Inside inference mode inductor would compile again what it has compiled outside of it.
     mode = torch.no_grad if name == "compiled" else torch.inference_mode
 
     def forward(inputs: torch.Tensor) -> torch.Tensor:
@@ -79,7 +79,11 @@ def _bf16(network: nn.Module, fold: Fold, device: str) -> nn.Module:
 
 
 def _frozen(network: nn.Module, example: torch.Tensor) -> Forward:
-    """Trace the network with weights as constants; refuse a graph that does not give the same."""
+    """Trace the network with its weights as constants.
+
+    Raises:
+        UnavailableError: It cannot be traced, or the graph does not give its outputs.
+    """
     with _without_warnings():
         try:
             trace: Any = torch.jit.trace
@@ -91,13 +95,17 @@ def _frozen(network: nn.Module, example: torch.Tensor) -> Forward:
 
 
 def _frozen_bf16(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
-    """Make the casts of autocast part of the graph: they are not looked up in each call."""
+    """Make the casts of autocast part of the graph, so that they are not looked up in each call."""
     with torch.autocast(device, dtype=torch.bfloat16, cache_enabled=False):
         return _frozen(network, example.to(device))
 
 
 def _compiled(network: nn.Module, example: torch.Tensor) -> Forward:
-    """Compile the network; a missing compiler shows in the first call, that of ``_check``."""
+    """Compile the network; a missing compiler is found in the first call, which ``_check`` makes.
+
+    Raises:
+        UnavailableError: It cannot be compiled, or does not give the outputs of the network.
+    """
     with _without_warnings(), torch.no_grad():
         try:
             compiled: Any = torch.compile(network, dynamic=False)
@@ -108,7 +116,12 @@ def _compiled(network: nn.Module, example: torch.Tensor) -> Forward:
 
 
 def _onnx(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
-    """Compute in ONNX Runtime with as many threads as torch has when it is called."""
+    """Compute in ONNX Runtime, with as many threads as torch has at the time of the call.
+
+    Raises:
+        UnavailableError: The device is no CPU, ONNX Runtime is not installed, or the network cannot
+            be exported or does not give its outputs.
+    """
     if device != "cpu":
         raise UnavailableError("it is measured on a CPU only")
     if not (find_spec("onnx") and find_spec("onnxruntime")):
@@ -139,7 +152,7 @@ def onnx_model(network: nn.Module, example: torch.Tensor) -> bytes:
     """Return a network as an ONNX model with a free number of frames.
 
     Args:
-        network: In evaluation mode, on the CPU; takes "inputs" and returns "outputs".
+        network: A network in evaluation mode, on the CPU, from "inputs" to "outputs".
         example: (N, ...) inputs.
     """
     plain = copy.deepcopy(network)
@@ -161,7 +174,11 @@ def onnx_model(network: nn.Module, example: torch.Tensor) -> bytes:
 
 
 def _check(forward: Forward, network: nn.Module, example: torch.Tensor) -> None:
-    """Compare with the network itself on one frame and on three, as batches differ later."""
+    """Compare a forward pass with the network itself, on one frame and on a batch of three.
+
+    Raises:
+        UnavailableError: The pass fails, or its outputs differ from those of the network.
+    """
     for inputs in (example[:1], example[:1].repeat(3, *(1 for _ in example.shape[1:]))):
         wanted = network(inputs)
         tolerance = _TOLERANCE if wanted.dtype == torch.float32 else _TOLERANCE_BF16
@@ -179,7 +196,7 @@ def _check(forward: Forward, network: nn.Module, example: torch.Tensor) -> None:
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """Silence tracers: ``_check`` looks at what they warn of."""
+    """Silence tracers: ``_check`` finds what they warn of."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

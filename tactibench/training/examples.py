@@ -1,4 +1,4 @@
-"""Labelled frames as tensors, prepared once before the first epoch, and mirrored while training."""
+"""Labelled frames as tensors, prepared once before the first epoch and mirrored in training."""
 
 from __future__ import annotations
 
@@ -14,15 +14,19 @@ from tactibench.images import gray_frames
 from tactibench.training.weights import tensor_bytes
 
 _SAME_RMS = 3.0
-"""Rms grey levels between a rest frame and its mirror image up to which they are the same."""
+"""Rms difference of a rest frame and its mirror image, grey levels, below which they are equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Examples:
     """Frames and targets of a training.
 
-    images: (N, ...) uint8 images or float features, as the network takes them. targets: (N, ...)
-    float16 or float32, used as float32.
+    Attributes:
+        images: (N, ...) uint8 images or float features, as the network takes them.
+        targets: (N, ...) float16 or float32, used as float32.
+
+    Raises:
+        ValueError: The numbers of images and targets differ.
     """
 
     images: torch.Tensor
@@ -41,7 +45,7 @@ class Examples:
         return self.images[rows].to(device), self.targets[rows].to(device).float()
 
     def spread_rows(self, count: int) -> torch.Tensor:
-        """Return at most ``count`` rows with the same means as all have.
+        """Return at most ``count`` rows whose means are about those of all rows.
 
         They are spread evenly over the frames in the order of their mean target.
         """
@@ -50,19 +54,21 @@ class Examples:
         return order[torch.from_numpy(ranks)]
 
     def to(self, device: str) -> Examples:
-        """Return the same examples in the memory of a device: no copy in every step."""
+        """Return the same examples in the memory of a device, to save a copy in every step."""
         return Examples(self.images.to(device), self.targets.to(device))
 
     def bits(self) -> bytes:
-        """Return everything the weights can depend on, for an identity."""
+        """Return all data that the weights can depend on, for an identity."""
         shapes = f"{tuple(self.images.shape)} {tuple(self.targets.shape)} {self.targets.dtype}"
         return shapes.encode() + tensor_bytes(self.images) + tensor_bytes(self.targets)
 
 
 def resting_frames(frames: Sequence[Frame], share: float) -> list[Frame]:
-    """Return rest images that the frames carry, as frames without contact.
+    """Return rest images of frames, as frames without contact.
 
-    share: how many, as a share of the frames that carry one.
+    Args:
+        frames: Frames of a training.
+        share: Number of rest images as a share of the frames that have one.
     """
     rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
     return [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / share)]]
@@ -74,9 +80,12 @@ def image_tensor(frames: Sequence[Frame], size: int) -> torch.Tensor:
 
 
 def relight(images: torch.Tensor) -> torch.Tensor:
-    """Return frames (B, 2, S, S) float, each with its rest frame, in the light of the rest frames.
+    """Return images, scaled to the mean light of their rest frames, (B, 2, S, S).
 
     Contacts move bright pins and change the mean of a frame by less than 1 %.
+
+    Args:
+        images: (B, 2, S, S) float, each frame with its rest frame.
     """
     frame, rest = images[:, :1], images[:, 1:]
     light = rest.mean(dim=(2, 3), keepdim=True) / frame.mean(dim=(2, 3), keepdim=True).clamp_min(1)
@@ -84,7 +93,7 @@ def relight(images: torch.Tensor) -> torch.Tensor:
 
 
 def find_symmetry(image: npt.NDArray[np.uint8]) -> tuple[bool, bool]:
-    """Return whether a gray frame (H, W) is its own mirror image with x, and with y, reversed."""
+    """Return whether a gray frame (H, W) stays the same with x reversed, and with y reversed."""
     grey = image.astype(np.float64)
     in_x, in_y = (
         bool(np.sqrt(np.square(grey - flipped).mean()) < _SAME_RMS)
@@ -94,11 +103,17 @@ def find_symmetry(image: npt.NDArray[np.uint8]) -> tuple[bool, bool]:
 
 
 def draw_flips(count: int, symmetry: tuple[bool, bool], device: torch.device) -> torch.Tensor:
-    """Return (count, 2) bool: whether x and y of a frame are reversed, at random where allowed."""
+    """Return whether to reverse x and y of each frame, at random where allowed, (count, 2) bool.
+
+    Args:
+        count: Number of frames.
+        symmetry: Whether x, and whether y, may be reversed.
+        device: Device of the result.
+    """
     return (torch.rand(count, 2, device=device) < 0.5) & torch.tensor(symmetry, device=device)
 
 
 def flip_maps(maps: torch.Tensor, flips: torch.Tensor) -> torch.Tensor:
-    """Return maps (B, C, H, W) with x and y reversed in the frames that ``flips`` (B, 2) names."""
+    """Return maps (B, C, H, W) with x and y reversed where ``flips`` (B, 2) is True."""
     maps = torch.where(flips[:, 0, None, None, None], maps.flip(-1), maps)
     return torch.where(flips[:, 1, None, None, None], maps.flip(-2), maps)

@@ -1,4 +1,4 @@
-"""Arithmetic of a network: autocast, kernels that repeat themselves, and a copy for inference."""
+"""Arithmetic of a network: autocast, deterministic kernels, and a copy for inference."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CONFIGURATIONS = {
 
 
 def autocast(precision: str, device: str) -> AbstractContextManager[Any]:
-    """Return a context of mixed bf16 arithmetic for "bf16", of nothing for "float32"."""
+    """Return a context of mixed bf16 arithmetic for "bf16"; for "float32" it changes nothing."""
     if precision == "bf16":
         return torch.autocast(device, dtype=torch.bfloat16)
     return nullcontext()
@@ -33,9 +33,9 @@ def autocast(precision: str, device: str) -> AbstractContextManager[Any]:
 
 @contextmanager
 def deterministic_kernels(device: str, precision: str) -> Iterator[None]:
-    """Let cuDNN choose only kernels that give the same bits twice.
+    """Let cuDNN choose only kernels that always give the same bits.
 
-    For "float32" it may not compute in TF32 either, whose 10 bits it takes for float32 by default.
+    For "float32" it also may not compute in TF32, whose 10 bits it uses for float32 by default.
     """
     if device != "cuda":
         yield
@@ -50,10 +50,10 @@ def deterministic_kernels(device: str, precision: str) -> Iterator[None]:
 def fold_batch_norm(network: nn.Module, precision: str = "float32") -> nn.Module:
     """Return a copy in evaluation mode in which each Conv2d takes over the BatchNorm2d after it.
 
-    Pairs are looked for in nn.Sequential containers. In float32 the outputs are those of the
-    network in evaluation mode up to rounding. For "bf16" the weights of the convolutions and dense
-    layers are stored in bf16, so that autocast, within which such a copy must be called, does not
-    cast them in every call; its outputs are those of the float32 copy under autocast.
+    Pairs are found in nn.Sequential containers. In float32 the outputs are those of the network in
+    evaluation mode up to rounding. For "bf16" the weights of the convolutions and dense layers are
+    stored in bf16. Such a copy must be called under autocast, which then does not cast the weights
+    in every call; its outputs are those of the float32 copy under autocast.
     """
     folded = copy.deepcopy(network).eval()
     for module in folded.modules():

@@ -1,4 +1,4 @@
-"""The base of models that are one network: fit, predict, timed stages, weights on disk."""
+"""The base class of models that are one network: fit, predict, timed stages, weights on disk."""
 
 from __future__ import annotations
 
@@ -33,28 +33,29 @@ from tactibench.training.weights import load_weights, save_weights
 Array = npt.NDArray[Any]
 
 USUAL_MIXING = 0.5
-"""Mixed frames a frame. As many as frames cost half as much time again: pairs are then resolved as
-often (99.9 against 99.7 %), and their distance is no nearer (0.135 mm)."""
+"""Mixed frames as a share of the frames. A share of 1 costs half as much time again: pairs are then
+resolved as often (99.9 against 99.7 %), and their distance is no better (0.135 mm)."""
 _BATCH = 32
-"""Frames that pass the network at once in ``predict``."""
+"""Frames that pass through the network at once in ``predict``."""
 
 
 class LearnedModel(Model):
-    """A model that is one network: a subclass says what goes in, what comes out and the loss.
+    """A model that is one network: a subclass defines its inputs, its answers and the loss.
 
     Attributes:
-        context: as handed to the model.
-        recipe: of its training.
-        architecture: JSON values that determine the shape of the network; weights of any other are
-            refused.
-        mixing: frames with several contacts that ``fit`` makes from the single presses among its
-            frames, as a share of the frames; below 0: ``USUAL_MIXING``, where the frames
-            allow it.
-        prior: what mixed frames know of contacts that press together.
+        context: The context in which the model was built.
+        recipe: Recipe of its training.
+        architecture: JSON values that determine the shape of the network; weights with other values
+            are refused.
+        mixing: Number of frames with several contacts that ``fit`` makes from the single presses
+            among its frames, as a share of the frames. Below 0 it is ``USUAL_MIXING`` where the
+            frames allow it.
+        prior: Knowledge about contacts that press together in mixed frames.
+        timed_as: Description of the stages that are timed.
     """
 
     name: ClassVar[str]
-    """The name the model is declared by."""
+    """The name by which the model is declared."""
     configurations = CONFIGURATIONS
 
     def __init__(
@@ -78,53 +79,62 @@ class LearnedModel(Model):
 
     @abstractmethod
     def build(self) -> nn.Module:
-        """Return a fresh network, ``inputs`` -> raw outputs (B, ...). Called under a seed."""
+        """Return a fresh network from ``inputs`` to raw outputs (B, ...).
+
+        It is called under a seed.
+        """
 
     @abstractmethod
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        """Return (N, ...) uint8 images or float features, on the CPU."""
+        """Return the inputs of the network, (N, ...) uint8 images or float features, on the CPU."""
 
     @abstractmethod
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        """Return (N, ...) values that the network is to learn, on the CPU."""
+        """Return the (N, ...) values that the network learns, on the CPU."""
 
     @abstractmethod
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """Return a scalar from raw outputs (logits) and targets, both float32."""
+        """Return the loss, a scalar, of raw outputs (logits) and targets, both float32."""
 
     @abstractmethod
     def answers(self, outputs: Array) -> list[Answer | None]:
-        """Return one answer a row of ``outputs``."""
+        """Return one answer for every row of ``outputs``."""
 
     # Methods that a subclass may override.
 
     def outputs(self, raw: torch.Tensor) -> Array:
-        """Return raw outputs of the network as the numbers that ``answers`` reads, on the CPU."""
+        """Return the numbers that ``answers`` reads, on the CPU, from raw outputs."""
         array: Array = raw.float().cpu().numpy()
         return array
 
     def mix(
         self, frames: Sequence[Frame], truth: Sequence[Answer], count: int, rng: np.random.Generator
     ) -> tuple[list[Frame], list[Contacts]]:
-        """Return ``count`` frames with several contacts made of the single presses, their truth.
+        """Return frames with several contacts, made from single presses, and their truth.
+
+        Args:
+            frames: Frames, of which those with a single contact are used.
+            truth: True answers to the frames.
+            count: Number of new frames.
+            rng: Random numbers.
 
         Raises:
-            UserError: for frames of which none can be made.
+            UserError: Such frames cannot be made from these frames.
         """
         from tactibench.superposition import mix
 
         return mix(frames, truth, count, rng)
 
     def usable_rows(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
-        """Return the rows that can be learned from; the others are left out and counted."""
+        """Return the rows that the model can learn from; the others are left out and counted."""
         return np.arange(len(truth))
 
     def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:  # noqa: ARG002
-        """Return frames without a contact to learn from besides those given."""
+        """Return additional frames without a contact to learn from."""
         return []
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
-        """Learn what inputs and targets need (scales, a rest layout) before the training."""
+        """Learn what inputs and targets need, such as scales or a rest layout, before training."""
 
     def examples(
         self,
@@ -132,24 +142,30 @@ class LearnedModel(Model):
         truth: Sequence[Answer],
         rng: np.random.Generator,  # noqa: ARG002
     ) -> Examples:
-        """Return what the network learns from, after ``prepare``; a subclass may add to it."""
+        """Return the examples of the training, after ``prepare``; a subclass may add to them.
+
+        Args:
+            frames: Training frames.
+            truth: True answers to the frames.
+            rng: Random numbers.
+        """
         return Examples(self.inputs(frames), self.targets(truth))
 
     def initialise(self, network: Any, training: Examples) -> None:
-        """Set what is known of the network's state before the first step."""
+        """Set weights of the network that are known before the first step."""
 
     def extra(self) -> dict[str, Any]:
-        """Return JSON values of ``prepare`` that are kept beside the weights."""
+        """Return JSON values of ``prepare`` that are stored with the weights."""
         return {}
 
     def restore(self, extra: dict[str, Any]) -> None:
-        """Take back the values of ``extra``."""
+        """Restore the values of ``extra``."""
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
-        """Return a copy for inference in "float32" or, called under autocast, in "bf16"."""
+        """Return a copy for inference in "float32", or in "bf16" if it is called under autocast."""
         return fold_batch_norm(network, precision)
 
-    # Methods that it defines.
+    # Methods that this class defines.
 
     def fit(
         self,
@@ -160,10 +176,11 @@ class LearnedModel(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Train; the same rng state gives the same weights.
+        """Train the model; the same state of ``rng`` gives the same weights.
 
         Raises:
-            UserError: for frames that it cannot learn from.
+            UserError: There is no frame that the model can learn from, mixed frames are requested
+                and cannot be made, or the loss is not finite.
         """
         seeds = Seeds.draw(rng)
         count = len(frames)
@@ -208,18 +225,18 @@ class LearnedModel(Model):
         return replace(report, prior=prior, notes={**report.notes, **notes})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
-        """Return one answer a frame, computed in float32."""
+        """Return one answer for every frame, computed in float32."""
         return self.answers(self.evaluate(frames)) if frames else []
 
     @torch.inference_mode()
     def evaluate(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, ...) outputs, computed in float32."""
+        """Return the (N, ...) outputs of frames, computed in float32."""
         starts = range(0, max(1, len(frames)), _BATCH)
         batches = (self.inputs(frames[start : start + _BATCH]) for start in starts)
         return np.concatenate([self._forward(batch, "float32") for batch in batches])
 
     def stages(self) -> Sequence[Stage]:
-        """Return the phases of the fast configuration: bf16 where the device has it natively."""
+        """Return the stages of the fast configuration: bf16 where the device has it natively."""
         precision = resolve_precision("auto", self.context.device)
         self._inference(precision)
         return [
@@ -229,10 +246,10 @@ class LearnedModel(Model):
         ]
 
     def configured(self, name: str, frames: Sequence[Frame]) -> Sequence[Stage]:
-        """Return the phases of one way of ``configurations``, made ready for frames like these.
+        """Return the stages of one way of ``configurations``, prepared for frames like these.
 
         Raises:
-            UserError: with the reason where this machine cannot compute that way.
+            UserError: This machine or the network cannot compute in that way.
         """
         from tactibench.training.deploy import UnavailableError, prepare_forward
 
@@ -261,7 +278,8 @@ class LearnedModel(Model):
         """Read weights from the folder.
 
         Raises:
-            UserError: for those of another model or architecture.
+            UserError: The weights are missing or damaged, or belong to another model or
+                architecture.
         """
         tensors, extra = load_weights(directory, model=self.name, architecture=self.architecture)
         self.restore(extra)
@@ -271,7 +289,7 @@ class LearnedModel(Model):
 
     @property
     def network(self) -> nn.Module:
-        """The network as trained or loaded; before that, one with weights of seed 0."""
+        """The trained or loaded network; before training, a network with weights of seed 0."""
         if self._network is None:
             return self._use(self._build(seed=0))
         return self._network
@@ -301,7 +319,13 @@ class LearnedModel(Model):
         rng: np.random.Generator,
         notes: dict[str, Any],
     ) -> tuple[list[Frame], list[Contacts]]:
-        """Return the frames that ``mixing`` asks for; ``notes`` is told how many, or why none."""
+        """Return the mixed frames and their truth.
+
+        Their number, or why there are none, is added to ``notes``.
+
+        Raises:
+            UserError: Mixed frames are requested and cannot be made.
+        """
         if not self.mixing:
             return [], []
         share = self.mixing if self.mixing > 0 else USUAL_MIXING

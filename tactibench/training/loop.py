@@ -34,21 +34,30 @@ ErrorMm = Callable[[torch.Tensor, npt.NDArray[np.int64]], float | None]
 _DECODED = 200
 """Validation frames that are decoded for the error in mm after each epoch."""
 _STATISTICS = 512
-"""Training frames over which the statistics of batch normalisation are measured. 256 that are
-spread evenly (``Examples.spread_rows``) move the U-Net's error by 1 %, 512 at random by 14 %."""
+"""Training frames over which the statistics of batch normalisation are measured. 256 frames that
+are spread evenly (``Examples.spread_rows``) move the U-Net's error by 1 %, 512 random ones by
+14 %."""
 _EVALUATION_BATCH = 50
 """Frames of a validation batch, to bound the memory."""
 
 
 @dataclass(frozen=True)
 class _Place:
-    """The device and the arithmetic in which the network computes."""
+    """The device and the arithmetic in which the network computes.
+
+    Attributes:
+        device: "cpu" or "cuda".
+        precision: "float32" or "bf16".
+    """
 
     device: str
     precision: str
 
     def outputs(self, network: nn.Module, images: torch.Tensor) -> torch.Tensor:
-        """Forward pass, float32 outputs. One autocast a pass: it keeps the weights it has cast."""
+        """Return the float32 outputs of a forward pass.
+
+        Every pass has its own autocast, because autocast caches the weights that it has cast.
+        """
         with autocast(self.precision, self.device):
             outputs: torch.Tensor = network(images)
         return outputs.float()
@@ -56,11 +65,21 @@ class _Place:
 
 @dataclass(frozen=True, eq=False)
 class _Training:
-    """All that stays the same from epoch to epoch, and the tensors that change."""
+    """Everything that all epochs of a training use.
+
+    Attributes:
+        network: The network that takes the steps.
+        mean: Mean of the weights over the steps; None where the last weights are taken.
+        optimiser: Optimiser of the network.
+        recipe: Schedule of the training.
+        loss: loss(outputs, targets).
+        seeds: Seeds of the training.
+        place: Device and arithmetic.
+        examples: Training examples.
+    """
 
     network: nn.Module
     mean: AveragedModel | None
-    """Mean of the weights over the steps; None where the last ones are taken."""
     optimiser: torch.optim.Optimizer
     recipe: Recipe
     loss: Loss
@@ -70,11 +89,11 @@ class _Training:
 
     @property
     def result(self) -> nn.Module:
-        """The network that the training is for."""
+        """The network that is the result of the training."""
         return self.network if self.mean is None else self.mean.module
 
     def batches(self, epoch: int) -> tuple[torch.Tensor, ...]:
-        """Rows of the examples, in the order of an epoch."""
+        """Return the rows of the examples, batch by batch, in the order of an epoch."""
         order = torch.from_numpy(self.seeds.permutation(len(self.examples), epoch))
         return torch.split(order, self.recipe.batch)
 
@@ -83,7 +102,7 @@ class _Training:
         return self.examples.spread_rows(_STATISTICS)
 
     def measure_statistics(self) -> None:
-        """Measure the statistics of the mean network over batches that are each spread evenly."""
+        """Measure the statistics of the mean network over batches, each of them spread evenly."""
         rows = self._representative
         count = -(-len(rows) // self.recipe.batch)
         batches = (rows[first::count] for first in range(count))
@@ -107,28 +126,29 @@ def train(
 ) -> FitReport:
     """Train ``network`` in place; it ends in float32, evaluation mode, on the device.
 
-    With ``checkpoints`` the state is kept after every epoch; the same call takes it up again and
-    ends in bit-identical weights (same machine and thread count, torch version). A damaged
-    checkpoint or that of another training is not used, and ``notes["checkpoint"]`` says so. On
-    resuming, ``progress.epoch`` is told the epochs that were done before.
+    With ``checkpoints`` the state is stored after every epoch. The same call then continues from it
+    and ends with bit-identical weights (on the same machine, with the same number of threads and
+    version of torch). A damaged checkpoint or one of another training is not used, and
+    ``notes["checkpoint"]`` tells that. On resuming, ``progress.epoch`` is called for the epochs
+    that were done before.
 
     Args:
-        network: freshly initialised, (B, 1, S, S) uint8 -> outputs.
-        training: examples to learn from.
-        validation: examples for the loss and error after each epoch; may be empty.
-        recipe: the schedule.
+        network: A freshly initialised network, from (B, ...) images to outputs.
+        training: Examples to learn from.
+        validation: Examples for the loss and error after each epoch; may be empty.
+        recipe: Schedule of the training.
         loss: loss(outputs, targets), a scalar from raw outputs (logits).
-        error_mm: error_mm(outputs, rows), the mean position error of those rows of the validation
+        error_mm: error_mm(outputs, rows), the mean position error of these rows of the validation
             set, mm, or None.
-        seeds: of the training.
-        identity: JSON values that, beside recipe, seeds and data, determine the weights
+        seeds: Seeds of the training.
+        identity: JSON values that determine the weights, together with recipe, seeds and data
             (architecture, parameters).
-        progress: told of every step and epoch.
+        progress: Is told of every step and epoch.
         device: "cpu" or "cuda".
-        checkpoints: a folder, or None.
+        checkpoints: Folder of the checkpoint; None for no checkpoint.
 
     Raises:
-        UserError: for a loss that is not finite.
+        UserError: The loss is not finite.
     """
     place = _Place(device, resolve_precision(recipe.precision, device))
     layout = torch.channels_last if recipe.channels_last else torch.contiguous_format
@@ -179,7 +199,11 @@ def train(
 
 
 def _train_epoch(run: _Training, epoch: int, progress: Progress) -> float:
-    """Pass once over the training frames; return the mean loss of a frame."""
+    """Pass once over the training frames and return the mean loss of a frame.
+
+    Raises:
+        UserError: The loss is not finite.
+    """
     run.network.train()
     batches = run.batches(epoch)
     total = 0.0
@@ -212,8 +236,8 @@ def _train_epoch(run: _Training, epoch: int, progress: Progress) -> float:
 def _validate(run: _Training, validation: Examples, error_mm: ErrorMm) -> dict[str, float]:
     """Return validation loss and position error.
 
-    The loss is that of all frames where it can stop the training, else, as the error always, that
-    of at most 200 frames spread evenly.
+    The error is that of at most 200 frames spread evenly. The loss is that of all frames where it
+    can stop the training, otherwise that of the same frames.
     """
     if not len(validation):
         return {}
@@ -250,7 +274,7 @@ def _stalled(state: TrainingState, recipe: Recipe) -> bool:
 
 
 def _optimiser(network: nn.Module, recipe: Recipe, precision: str) -> torch.optim.Optimizer:
-    """Weight decay acts on kernels only, not on biases and the scales of normalisations."""
+    """Return the optimiser; weight decay acts on kernels, not on biases and normalisations."""
     kernels = [weight for weight in network.parameters() if weight.ndim > 1]
     others = [weight for weight in network.parameters() if weight.ndim <= 1]
     groups = [

@@ -1,6 +1,6 @@
 """Contacts as a mixture of Gaussians: the outputs of a network per anchor, and their likelihood.
 
-An anchor is a place that may report one contact: a cell of a coarse grid, a node of a graph. It
+An anchor is a place that may report one contact: a cell of a coarse grid, or a node of a graph. It
 gives a probability, a mean and standard deviations. The likelihood is that of localisation
 microscopy (Speiser et al. 2021, Nature Methods 18:1082): contacts are drawn independently from the
 mixture of the anchors' Gaussians, and their number from the anchors' probabilities.
@@ -22,7 +22,8 @@ CHANNELS = 7
 """Raw outputs of an anchor: logit of presence, dx, dy, depth, log std of x, y and depth."""
 
 _COUNT_VARIANCE = 1 / 12
-"""Variance of a uniform within half a count: a density read at whole numbers (Sheppard)."""
+"""Variance of a uniform distribution within half a count: a density is read at whole numbers
+(Sheppard)."""
 _LOG_STD = (-12.0, 4.0)
 """Bounds at which raw log std are cut off, so that neither exp nor its square leave float32."""
 
@@ -32,13 +33,13 @@ class MixtureScale:
     """The lengths that turn raw outputs into mm.
 
     Attributes:
-        reach_mm: how far from its anchor a mean may lie, in x and in y.
-        max_depth_mm: raw depths of -1 and 1 are 0 and this.
-        floor_mm: smallest standard deviation; below the noise of any sensor, it only keeps the
-            likelihood of a training frame finite.
+        reach_mm: Largest distance of a mean from its anchor, in x and in y.
+        max_depth_mm: Depth for a raw depth of 1; a raw depth of -1 is 0 mm.
+        floor_mm: Smallest standard deviation. It is below the noise of any sensor and only keeps
+            the likelihood of a training frame finite.
 
     Raises:
-        ValueError: for a length that is not positive.
+        ValueError: A length is not positive.
     """
 
     reach_mm: float
@@ -56,9 +57,9 @@ def mixture_values(
     """Return probability (B, M), mean (B, M, 3) and std (B, M, 3) of x, y and depth, mm.
 
     Args:
-        raw: (B, 7, M) or more channels, of which the first 7 count.
+        raw: (B, 7 or more, M) raw outputs, of which the first 7 channels are used.
         anchors: (M, 2) or (B, M, 2), mm.
-        scale: of the raw outputs.
+        scale: Scale of the raw outputs.
     """
     mean, std = _gaussians(_exact(raw), anchors, scale)
     return _exact(raw)[:, 0].sigmoid(), mean, std
@@ -67,14 +68,19 @@ def mixture_values(
 def mixture_loss(
     raw: torch.Tensor, anchors: torch.Tensor, contacts: torch.Tensor, scale: MixtureScale
 ) -> torch.Tensor:
-    """Return the negative log likelihood of a frame's contacts, averaged over frames, in mm.
+    """Return the negative log likelihood of a frame's contacts, lengths in mm, mean over frames.
 
-    raw, anchors: as for ``mixture_values``. contacts: (B, K, 3) x, y, depth in mm; rows of NaN
-    stand for no contact. With p_m, N_m of the anchors and n contacts c_k in a frame:
+    With p_m, N_m of the anchors and n contacts c_k in a frame it is
 
         - sum_k log sum_m (p_m / sum p) N_m(c_k)  -  log N(n; sum p, sum p (1 - p) + 1 / 12)
 
-    Computed in float32 (float64 for a float64 raw), whatever the network computes in.
+    It is computed in float32 (float64 for a float64 raw), whatever the network computes in.
+
+    Args:
+        raw: (B, 7 or more, M) raw outputs, of which the first 7 channels are used.
+        anchors: (M, 2) or (B, M, 2), mm.
+        contacts: (B, K, 3) x, y, depth, mm; rows of NaN stand for no contact.
+        scale: Scale of the raw outputs.
     """
     raw = _exact(raw)
     contacts = contacts.to(raw.dtype)
@@ -92,10 +98,13 @@ def mixture_loss(
 
 
 def count_nll(logits: torch.Tensor, count: torch.Tensor) -> torch.Tensor:
-    """Return (B,) the negative log probability of a count of independent draws, as a Gaussian's.
+    """Return the negative log probability of a count of independent draws, (B,), as a Gaussian's.
 
-    logits: (B, M) of the draws. count: (B,). The count of independent draws has the mean sum p and
-    the variance sum p (1 - p).
+    The count of independent draws has the mean sum p and the variance sum p (1 - p).
+
+    Args:
+        logits: (B, M) logits of the probabilities p.
+        count: (B,) counts.
     """
     p = logits.sigmoid()
     variance = (p * (-logits).sigmoid()).sum(-1) + _COUNT_VARIANCE
@@ -104,9 +113,9 @@ def count_nll(logits: torch.Tensor, count: torch.Tensor) -> torch.Tensor:
 
 
 def pack_contacts(truth: Sequence[Contacts]) -> torch.Tensor:
-    """Return (N, K, 3) float32 x, y, depth in mm, rows of NaN where a frame has fewer than K.
+    """Return x, y, depth of contacts, mm, (N, K, 3) float32.
 
-    K is the largest count, at least 1.
+    K is the largest number of contacts, at least 1; a frame with fewer contacts has rows of NaN.
     """
     most = max([1, *(len(contacts) for contacts in truth)])
     packed = np.full((len(truth), most, 3), np.nan, dtype=np.float32)
@@ -123,7 +132,7 @@ def _exact(raw: torch.Tensor) -> torch.Tensor:
 def _gaussians(
     raw: torch.Tensor, anchors: torch.Tensor, scale: MixtureScale
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean and std (B, M, 3) in mm of raw (B, >= 7, M)."""
+    """Return mean and std (B, M, 3), mm, of raw outputs (B, 7 or more, M)."""
     xy = anchors.to(raw.dtype) + scale.reach_mm * raw[:, 1:3].tanh().transpose(1, 2)
     depth = 0.5 * scale.max_depth_mm * (1 + raw[:, 3, :, None])
     std = raw[:, 4:7].clamp(*_LOG_STD).exp().square().add(scale.floor_mm**2).sqrt()

@@ -1,4 +1,4 @@
-"""The base of models whose network gives a mixture of Gaussians, and calibration of their std."""
+"""The base class of models with a mixture of Gaussians, and the calibration of their std."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ Rows = npt.NDArray[np.int64]
 
 _AS_STATED = np.ones((2, 3))
 _CALIBRATION_STEP = 20
-"""One of so many frames with several contacts is kept from a training, to calibrate the std."""
+"""One frame in this many with several contacts is not learned from, to calibrate the std."""
 _FEWEST = 20
-"""Contacts from which a 95 % quantile is read; with fewer the stated std stays as it is."""
+"""Fewest contacts from which a 95 % quantile is read; with fewer the stated std is not changed."""
 _AXIS_95 = 1.959964
 _PLANE_95 = math.sqrt(-2 * math.log(0.05))
 """95 % quantiles of a normal error along one axis, and of its length in the plane (Rayleigh)."""
 
 
 class MixtureModel(LearnedModel):
-    """A model that is one network (B, ...) -> raw outputs (B, 7, anchors) of a mixture.
+    """A model that is one network from (B, ...) inputs to raw outputs (B, 7, anchors) of a mixture.
 
-    It is trained by the likelihood of the true contacts. The std that it states are then scaled so
-    that 95 % of the errors on frames it has not learned from lie inside the 95 % ellipses. A plate
-    is the contact in which it meets the dome. A subclass calls ``_use_anchors`` before it is used.
+    It is trained by the likelihood of the true contacts. Its stated std are then scaled so that
+    95 % of the errors on frames that it has not learned from lie inside the 95 % ellipses. A plate
+    is the contact in which it meets the dome. A subclass calls ``_use_anchors`` before the model is
+    used.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class MixtureModel(LearnedModel):
 
     @abstractmethod
     def read(self, outputs: Array) -> list[Contacts]:
-        """Return the contacts of every row of ``outputs``, with the std that the network states."""
+        """Return the contacts of every row of ``outputs``, with the std that the network gives."""
 
     def fit(
         self,
@@ -68,10 +69,15 @@ class MixtureModel(LearnedModel):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Train, then scale the std.
+        """Train the model, then calibrate the std.
 
-        Frames with several contacts are kept back for the latter: one of twenty of those given,
-        and as many new mixtures as validation frames if the model mixes.
+        The std are calibrated on the validation frames, on every twentieth of the given frames with
+        several contacts, which is not learned from, and, if the model mixes, on as many new mixed
+        frames.
+
+        Raises:
+            UserError: There is no frame that the model can learn from, mixed frames are requested
+                and cannot be made, or the loss is not finite.
         """
         learned, held_out = split_calibration(truth)
         calibration = [*validation[0], *(frames[row] for row in held_out)]
@@ -83,7 +89,7 @@ class MixtureModel(LearnedModel):
             rng=rng,
             progress=progress,
         )
-        if self.mixing and calibration:  # other frames than those that were learned from
+        if self.mixing and calibration:  # other frames than those of the training
             from tactibench.superposition import mix
 
             mixed, contacts = mix(frames, truth, len(calibration), rng)
@@ -96,7 +102,7 @@ class MixtureModel(LearnedModel):
         return replace(report, notes={**report.notes, **notes})
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
-        """Measure the scale of plate depths; deviations are as stated until they are calibrated."""
+        """Find the scale of plate depths; std are as stated until they are calibrated."""
         self._factors = _AS_STATED
         self._plate = PlateScale.of(truth, self.context.max_depth)
 
@@ -123,24 +129,32 @@ class MixtureModel(LearnedModel):
         return list(frames)
 
     def extra(self) -> dict[str, Any]:
-        """Return JSON values kept beside the weights; a subclass adds its own."""
+        """Return JSON values that are stored with the weights; a subclass adds its own."""
         return {"depth_offset_mm": self._plate.offset, "std_factors": self._factors.tolist()}
 
     def restore(self, extra: dict[str, Any]) -> None:
-        """Take what was stored beside the weights."""
+        """Restore the values that were stored with the weights."""
         self._plate = PlateScale(extra["depth_offset_mm"])
         self._factors = np.array(extra["std_factors"])
 
     def _find_sensors(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> AlignedSensors:
-        """Return the sensors of a training; the first frame with a rest image is of the first.
+        """Return the sensors of a training; the first is that of the first frame with a rest image.
 
-        Where none has one, the frame that is pressed least stands for it.
+        Where no frame has a rest image, the frame that is pressed least is used as rest image.
+
+        Raises:
+            UserError: The image that is used shows no pins.
         """
         depths = [self._plate.contacts(answer).depth.sum() for answer in truth]
         return AlignedSensors.of(frames, otherwise=frames[int(np.argmin(depths))])
 
     def _tracks(self, frames: Sequence[Frame]) -> Tracks:
-        """Return the pins of frames on the layout of the first training sensor."""
+        """Return the pins of frames on the layout of the first training sensor.
+
+        Raises:
+            UserError: The model is not trained, or the pins of a sensor are not those of the
+                layout.
+        """
         if self._sensors is None:
             raise UserError(
                 f"model {self.name!r} knows no pins yet; train it or load weights first."
@@ -148,27 +162,36 @@ class MixtureModel(LearnedModel):
         return self._sensors.tracks(frames)
 
     def _use_anchors(self, anchors: npt.NDArray[np.float64], reach_mm: float) -> None:
-        """anchors: (M, 2) mm. reach_mm: how far from its anchor a mean may lie, in x and in y."""
+        """Set the anchors.
+
+        Args:
+            anchors: (M, 2) mm.
+            reach_mm: Largest distance of a mean from its anchor, in x and in y.
+        """
         self._anchors = torch.from_numpy(anchors).float()
         self._scale = MixtureScale(reach_mm, self.context.max_depth)
 
 
 def split_calibration(truth: Sequence[Answer]) -> tuple[Rows, Rows]:
-    """Return rows to learn from, and those with several contacts that are for ``std_factors``.
+    """Return rows to learn from, and rows with several contacts that are for ``std_factors``.
 
     The validation frames of a protocol hold single contacts, whose errors are of another size.
     """
-    several = [isinstance(answer, Contacts) and len(answer) > 1 for answer in truth]
-    held_out = np.flatnonzero(several)[_CALIBRATION_STEP - 1 :: _CALIBRATION_STEP]
+    crowded = [isinstance(answer, Contacts) and len(answer) > 1 for answer in truth]
+    held_out = np.flatnonzero(crowded)[_CALIBRATION_STEP - 1 :: _CALIBRATION_STEP]
     return np.setdiff1d(np.arange(len(truth)), held_out), held_out
 
 
 def std_factors(predicted: Sequence[Contacts], truth: Sequence[Contacts]) -> Array:
-    """Return (2, 3) factors for the std of x, y and depth: of contacts alone, and of others.
+    """Return the factors for the std of x, y and depth, (2, 3): of single and of several contacts.
 
     With them 95 % of the errors lie inside the 95 % ellipse in the plane and the 95 % interval of
-    depth. Frames in which the number of contacts is right are used. Where there are too few with
-    several contacts, the factors of single ones serve for both.
+    depth. Only frames with the right number of contacts are used. Where too few of them have
+    several contacts, the factors of single contacts serve for both.
+
+    Args:
+        predicted: Predicted contacts of every frame, with the stated std.
+        truth: True contacts of every frame.
     """
     pairs = [pair for pair in zip(predicted, truth, strict=True) if len(pair[0]) == len(pair[1])]
     alone = _factors([pair for pair in pairs if len(pair[0]) == 1], np.ones(3))
@@ -176,7 +199,7 @@ def std_factors(predicted: Sequence[Contacts], truth: Sequence[Contacts]) -> Arr
 
 
 def scale_std(contacts: Contacts, factors: Array) -> Contacts:
-    """Return the contacts with their std, where they have one, times ``std_factors``."""
+    """Return contacts with their std, if they have one, times the factors of ``std_factors``."""
     if contacts.std is None:
         return contacts
     return replace(contacts, std=contacts.std * factors[int(len(contacts) > 1)])
@@ -193,7 +216,10 @@ def _factors(pairs: Sequence[tuple[Contacts, Contacts]], default: Array) -> Arra
 
 
 def _standardised(predicted: Contacts, truth: Contacts) -> Array:
-    """(K, 3) error / std of the contact nearest to every true one; none without a std."""
+    """Return error / std of the prediction nearest to every true contact, (K, 3).
+
+    There are no rows where the predictions have no std.
+    """
     if predicted.std is None:
         return np.empty((0, 3))
     away = np.linalg.norm(predicted.xy[:, None] - truth.xy, axis=-1)

@@ -10,17 +10,22 @@ import numpy.typing as npt
 from tactibench.contacts import Contacts, FloatArray
 
 FAINT = 0.01
-"""Probability below which an anchor is ignored; dozens of such do not make up a contact."""
+"""Probability below which an anchor is ignored; dozens of such anchors do not make a contact."""
 
 
 @dataclass(frozen=True)
 class MixtureReader:
     """A reader of contacts, best first and each with its std, from anchors.
 
-    Anchors whose means lie within ``merge_mm`` of that of the most probable one report the same
+    Anchors whose means lie within ``merge_mm`` of that of the most probable anchor report the same
     contact: their probabilities add up (to the contact's score, at most 1), and the contact has the
-    mean and the standard deviation of their mixture. The remaining anchors are read likewise.
-    Contacts with a score below ``threshold`` are dropped, and all but the best ``max_count``.
+    mean and the standard deviation of their mixture. The remaining anchors are read in the same
+    way.
+
+    Attributes:
+        threshold: Score below which contacts are dropped.
+        merge_mm: Distance within which anchors report the same contact, mm.
+        max_count: Most contacts of a frame; the best are kept.
     """
 
     threshold: float = 0.5
@@ -38,14 +43,14 @@ class MixtureReader:
         """Return the contacts of ``count`` frames.
 
         Args:
-            count: of frames.
+            count: Number of frames.
             frame: (K,) the frame of every anchor, sorted.
             p: (K,) probabilities.
             mean: (K, 3) x, y and depth, mm.
-            std: (K, 3) their deviations, mm.
+            std: (K, 3) their standard deviations, mm.
 
         Raises:
-            ValueError: for values that are not finite.
+            ValueError: A value is not finite.
         """
         if not (np.isfinite(p).all() and np.isfinite(mean).all() and np.isfinite(std).all()):
             raise ValueError("the mixture holds values that are not finite")
@@ -73,10 +78,16 @@ def read_mixture(
 ) -> list[Contacts]:
     """Return the contacts of every frame as ``MixtureReader`` reads them.
 
-    probability: (N, M). mean, std: (N, M, 3) of x, y and depth, mm.
+    Args:
+        probability: (N, M).
+        mean: (N, M, 3) x, y and depth, mm.
+        std: (N, M, 3) their standard deviations, mm.
+        threshold: Score below which contacts are dropped.
+        merge_mm: Distance within which anchors report the same contact, mm.
+        max_count: Most contacts of a frame.
 
     Raises:
-        ValueError: for shapes that do not fit and for values that are not finite.
+        ValueError: Shapes do not fit, or a value is not finite.
     """
     p, mu, sigma = (np.asarray(values, dtype=np.float64) for values in (probability, mean, std))
     if p.ndim != 2 or mu.shape != (*p.shape, 3) or sigma.shape != mu.shape:
@@ -92,7 +103,7 @@ def read_mixture(
 def _padded(
     count: int, frame: npt.NDArray[np.intp], *columns: FloatArray
 ) -> tuple[FloatArray, ...]:
-    """(N, most, ...) columns, frame by frame; zeros where a frame has fewer anchors."""
+    """Return the columns frame by frame, (N, most, ...), with zeros behind a frame's anchors."""
     rank = np.arange(len(frame)) - np.searchsorted(frame, frame)
     most = int(rank.max(initial=-1)) + 1
     padded = []
@@ -104,7 +115,7 @@ def _padded(
 
 
 def _moments(p: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
-    """(N, 7) total probability, mean and standard deviation of each frame's mixture."""
+    """Return total probability, mean and standard deviation of each frame's mixture, (N, 7)."""
     total = p.sum(axis=1)
     share = (p / np.maximum(total, FAINT)[:, None])[:, :, None]
     centre = (share * mean).sum(axis=1)

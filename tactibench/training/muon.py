@@ -1,7 +1,7 @@
 """Muon: steps of equal size in every direction of a layer's matrix.
 
 Jordan et al. 2024, "Muon: an optimizer for hidden layers in neural networks", with the step length
-of Liu et al. 2025, "Muon is scalable for LLM training", which lets it take AdamW's learning rate.
+of Liu et al. 2025, "Muon is scalable for LLM training", which makes AdamW's learning rate fit.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import torch
 _MOMENTUM = 0.95
 """As published with the method (Jordan, 2024)."""
 _SMALLEST = 10
-"""A kernel of fewer rows or columns (the first and the last layer) has no directions to balance."""
+"""A kernel with fewer rows or columns (first and last layer) has no directions to balance."""
 _STEPS = 5
-"""Newton-Schulz steps for which the coefficients below are made."""
+"""Number of Newton-Schulz steps for which the coefficients below are made."""
 _A, _B, _C = 3.4445, -4.7750, 2.0315
 """x -> a x + b x^3 + c x^5 drives singular values of 0..1 to about 0.7..1.2 in five steps."""
 _RMS = 0.2
@@ -31,9 +31,9 @@ class Muon(torch.optim.Optimizer):
     decoupled, as in AdamW. The state holds tensors only.
 
     Args:
-        params: groups of weights.
-        lr: learning rate.
-        dtype: of the orthogonalisation, bfloat16 where the machine computes in it.
+        params: Groups of weights.
+        lr: Learning rate.
+        dtype: Type of the orthogonalisation, bfloat16 where the machine computes in it.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Muon(torch.optim.Optimizer):
             for group in self.param_groups
         ]
         self._small = torch.optim.AdamW(small, fused=True)
-        self._small.state = self.state  # one state of all weights, for checkpoints
+        self._small.state = self.state  # both share one state, for checkpoints
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
@@ -75,7 +75,7 @@ def _matrix(weight: torch.Tensor) -> torch.Tensor:
 
 
 def _momentum(gradient: torch.Tensor, state: dict[str, torch.Tensor]) -> torch.Tensor:
-    """Nesterov's, as a matrix."""
+    """Return Nesterov's momentum as a matrix, and update the momentum in the state."""
     momentum = state.setdefault("momentum", torch.zeros_like(gradient))
     momentum.lerp_(gradient, 1 - _MOMENTUM)
     return _matrix(gradient.lerp(momentum, _MOMENTUM))
@@ -86,12 +86,12 @@ def orthogonalise(
 ) -> list[torch.Tensor]:
     """Return U V^T (R, C) of each matrix's singular value decomposition U S V^T, approximately.
 
-    The result is float32 and comes in the order of the matrices.
+    The results are float32, in the order of the matrices.
 
-    In float32 the steps are taken on the small square matrices by whose polynomials they multiply,
-    all of one size together: 4 products of that size a step, not 2 with the long side. bfloat16,
-    for which that would not be stable, takes them on the whole. Singular values below about 1e-3 of
-    the norm end below 0.7.
+    In float32 the steps are computed on the small square Gram matrices, whose polynomials multiply
+    the matrices, and on all matrices of one size together: a step takes 4 products of that size,
+    not 2 with the long side. In bfloat16 that would not be stable, so the steps are computed on the
+    full matrices. Singular values below about 1e-3 of the norm end below 0.7.
     """
     wide = [matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T for matrix in matrices]
     scaled = [x / x.norm().clamp_min(1e-12) for x in (matrix.float() for matrix in wide)]

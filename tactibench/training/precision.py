@@ -1,7 +1,7 @@
 """The arithmetic of a network that "auto" stands for on this machine.
 
-It is part of the identity of weights, which is known before torch is imported; so torch is asked
-of a graphics card only.
+It is part of the identity of weights, which is known before torch is imported. So torch is imported
+only for a graphics card.
 """
 
 from __future__ import annotations
@@ -10,14 +10,19 @@ from functools import cache
 from pathlib import Path
 
 _FLAGS = {"avx512_bf16", "amx_bf16", "bf16"}
-"""Names in /proc/cpuinfo of bf16 products: two on x86, the last on ARM."""
+"""Names of bf16 products in /proc/cpuinfo: the first two on x86, the last on ARM."""
 
 
 def resolve_precision(precision: str, device: str) -> str:
-    """Turn "auto" into "bf16" where the device has instructions for it, else into "float32".
+    """Return "bf16" for "auto" where the device has instructions for it, else "float32".
 
-    torch says that oneDNN supports bf16 also where it has to emulate it, which is slower than
-    float32; so the processor's own flags decide. Where they cannot be read: float32.
+    Other precisions are returned as they are. torch reports that oneDNN supports bf16 even where it
+    has to emulate it, which is slower than float32. So the flags of the processor decide; where
+    they cannot be read, it is float32.
+
+    Args:
+        precision: "auto", "bf16", "float32" or another precision.
+        device: "cpu" or "cuda".
     """
     if precision != "auto":
         return precision
@@ -30,7 +35,7 @@ def resolve_precision(precision: str, device: str) -> str:
 
 @cache
 def processor_flags(path: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
-    """Return the instruction-set flags of the first processor; none where there is no such file."""
+    """Return the instruction-set flags of the first processor; none where the file is missing."""
     try:
         lines = path.read_text().splitlines()
     except OSError:

@@ -18,21 +18,23 @@ class Recipe:
     """A training schedule.
 
     Attributes:
-        epochs: passes over the training frames.
-        batch: frames a step.
-        optimiser: see module ``muon`` for "muon".
-        learning_rate: constant, or the peak of the one-cycle schedule.
-        warmup: share of all steps in which one-cycle climbs.
-        patience: epochs without a better validation loss after which training stops and the best
-            weights are taken; None: all epochs are run and the last weights are taken.
-        precision: of the training arithmetic, "float32", "bf16" or "auto": bf16 where the machine
-            computes it natively.
-        channels_last: memory layout of the convolutions.
-        average: decay a step of the mean of the weights that is taken (see module ``averaging``);
-            0: the last weights are taken.
+        epochs: Passes over the training frames.
+        batch: Frames of a step.
+        optimiser: "adam", "adamw" or "muon" (see module ``muon``).
+        learning_rate: The constant rate, or the peak of the one-cycle schedule.
+        schedule: "constant" or "one-cycle".
+        warmup: Share of all steps in which the rate of one-cycle rises.
+        weight_decay: Weight decay of kernels.
+        patience: Epochs without a better validation loss after which the training stops and the
+            best weights are taken; None to run all epochs and take the last weights.
+        precision: Precision of the training arithmetic, "float32", "bf16" or "auto": bf16 where the
+            machine computes it natively.
+        channels_last: Whether tensors of convolutions have this memory layout.
+        average: Decay per step of the mean of the weights, which is taken (see module
+            ``averaging``); 0 to take the last weights.
 
     Raises:
-        ValueError: for values with which no training is possible.
+        ValueError: A value allows no training.
     """
 
     epochs: int
@@ -60,10 +62,10 @@ class Recipe:
             raise ValueError("warmup is a share of the steps, between 0 and 1")
 
     def rate(self, step: int, steps: int) -> float:
-        """Return the learning rate of the step'th of ``steps`` optimiser steps, counted from 0.
+        """Return the learning rate of an optimiser step, counted from 0, of ``steps`` steps.
 
-        One-cycle: half a cosine from peak / 25 up to the peak, half a cosine down to peak / 1e4
-        (Smith and Topin 2018, with cosines as in fastai).
+        One-cycle is half a cosine from peak / 25 up to the peak, then half a cosine down to
+        peak / 1e4 (Smith and Topin 2018, with cosines as in fastai).
         """
         if self.schedule == "constant":
             return self.learning_rate
@@ -74,7 +76,12 @@ class Recipe:
         return _cosine(peak, end, (step - top) / max(1.0, steps - 1 - top))
 
     def with_choices(self, epochs: int = 0, precision: str = "recipe") -> Recipe:
-        """Return this recipe with the user's values; 0 and "recipe" leave the recipe's own."""
+        """Return this recipe with the user's values.
+
+        Args:
+            epochs: Number of epochs; 0 for those of the recipe.
+            precision: Precision of the training; "recipe" for that of the recipe.
+        """
         return replace(
             self,
             epochs=epochs or self.epochs,
@@ -101,15 +108,21 @@ RECIPES = {
         epochs=12, batch=16, learning_rate=4e-3, warmup=0.2, weight_decay=1e-2, average=0.998
     ),
 }
-"""paper: TactiVerse, table of hyperparameters (the patience is not given there).
+"""paper: TactiVerse, table of hyperparameters (which does not give the patience).
 
-default: the U-Net's own reaches 0.06 mm several times sooner than ``paper`` and ends at half its
-error (benchmarks/time_to_accuracy.py, leaderboards/exp1.md)."""
+default: with it the U-Net reaches 0.06 mm several times sooner than with ``paper`` and ends at half
+the error (benchmarks/time_to_accuracy.py, leaderboards/exp1.md)."""
 
 
 @dataclass(frozen=True)
 class Seeds:
-    """Seeds of the network's first weights, of the shuffling, and of noise in layers (dropout)."""
+    """Seeds of a training.
+
+    Attributes:
+        init: Seed of the network's first weights.
+        order: Seed of the shuffling.
+        layers: Seed of noise in layers (dropout).
+    """
 
     init: int
     order: int
@@ -121,20 +134,20 @@ class Seeds:
         return cls(*(int(value) for value in rng.integers(0, 2**62, size=3)))
 
     def permutation(self, count: int, epoch: int) -> npt.NDArray[np.int64]:
-        """Return the (count,) order of the training frames in an epoch; no state to resume."""
+        """Return the order of the training frames in an epoch, (count,), without stored state."""
         return np.random.default_rng([self.order, epoch]).permutation(count)
 
     def of_epoch(self, epoch: int) -> int:
-        """Return the seed of the layers' noise in an epoch, without a state to resume."""
+        """Return the seed of the layers' noise in an epoch, without stored state."""
         sequence = np.random.SeedSequence([self.layers, epoch])
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(2))
 
 
 @contextmanager
 def torch_seed(seed: int, device: str = "cpu") -> Iterator[None]:
-    """Draw torch's own random numbers (layer initialisation, dropout) from a seed.
+    """Draw torch's random numbers (layer initialisation, dropout) from a seed inside the block.
 
-    Afterwards the global generators are as they were.
+    Afterwards the global generators are as before.
     """
     cuda = list(range(torch.cuda.device_count())) if device == "cuda" else []
     with torch.random.fork_rng(devices=cuda):

@@ -1,4 +1,4 @@
-"""Regression of one contact or plate pose a frame: answers as vectors, and their scales."""
+"""Regression of one contact or plate pose per frame: answers as vectors, and their scales."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactibench.errors import UserError
 
 Array = npt.NDArray[np.float64]
 ANSWER_WIDTH = {"contacts": 3, "plate": 2}
-"""Width of an answer: x, y, depth mm of a contact; depth mm, tilt deg of a plate."""
+"""Number of values of an answer: x, y, depth mm of a contact; depth mm, tilt deg of a plate."""
 
 
 def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
@@ -22,8 +22,13 @@ def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
 
     A frame without contact becomes a row of NaN.
 
+    Args:
+        truth: True answers to N frames.
+        answer: Kind of the answers, "contacts" or "plate".
+        model: Name of the model, for the error.
+
     Raises:
-        UserError: for a frame with several contacts.
+        UserError: A frame has several contacts.
     """
     rows = np.full((len(truth), ANSWER_WIDTH[answer]), np.nan)
     for row, true in zip(rows, truth, strict=True):
@@ -40,36 +45,50 @@ def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
 
 
 def answers_from_vectors(values: npt.NDArray[np.floating], answer: str) -> list[Answer | None]:
-    """Return one contact with score 1, or one plate pose, a row."""
+    """Return one contact with score 1, or one plate pose, for every row of values.
+
+    Args:
+        values: (N, 3) x, y, depth mm, or (N, 2) depth mm, tilt deg.
+        answer: Kind of the answers, "contacts" or "plate".
+    """
     if answer == "plate":
         return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]
     return [Contacts(row[np.newaxis, :2], row[2:], np.ones(1)) for row in values]
 
 
 def regression_rows(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
-    """Return the rows that hold a contact or a plate pose."""
+    """Return the rows that hold a contact or a plate pose.
+
+    Raises:
+        UserError: A frame has several contacts.
+    """
     return np.flatnonzero(np.isfinite(answer_vectors(truth, answer, model)).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Normalisation:
-    """Mean and standard deviation of targets or features over the training frames."""
+    """Mean and standard deviation of targets or features over the training frames.
+
+    Attributes:
+        mean: (T,).
+        deviation: (T,) standard deviations.
+    """
 
     mean: Array
     deviation: Array
 
     @classmethod
     def of(cls, values: Array) -> Self:
-        """Return that of (N, T) values; a column that never varies keeps its unit."""
+        """Return the normalisation of (N, T) values; a column that never varies keeps its unit."""
         deviation = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(deviation > 1e-6, deviation, 1.0))
 
     def apply(self, values: Array) -> Array:
-        """Return values in deviations from their mean."""
+        """Return values as multiples of the standard deviation from the mean."""
         return np.asarray((values - self.mean) / self.deviation, dtype=np.float64)
 
     def invert(self, normal: npt.NDArray[np.floating]) -> Array:
-        """Return values in their own unit."""
+        """Return normalised values in their original unit."""
         return np.asarray(normal * self.deviation + self.mean, dtype=np.float64)
 
     def to_json(self) -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""Truth as contacts and heatmaps to learn, plate poses read back from them, and errors in mm."""
+"""Targets to learn: contacts and heatmaps of the truth, plate poses from them, and errors in mm."""
 
 from __future__ import annotations
 
@@ -14,21 +14,29 @@ from tactibench.geometry import DOME_RADIUS_MM, plate_from_contacts
 from tactibench.plugins.base import Encoder
 
 _SHALLOWEST_MM = 0.5
-"""A plate's depth label may start anywhere (a robot's z); its smallest is shown at this depth."""
+"""Smallest depth of a plate on the map: its depth label may start anywhere (a robot's z)."""
 
 
 @dataclass(frozen=True)
 class PlateScale:
-    """The shift from a plate's depth label to the depth shown on the map, mm."""
+    """The shift from a plate's depth label to the depth shown on the map.
+
+    Attributes:
+        offset: The shift, mm.
+    """
 
     offset: float = 0.0
 
     @classmethod
     def of(cls, truth: Sequence[Answer], max_depth: float) -> PlateScale:
-        """Return the scale that shifts labels that start below 0.5 mm.
+        """Return the scale of training frames, which shifts labels that start below 0.5 mm.
+
+        Args:
+            truth: True answers to the training frames.
+            max_depth: Largest depth on the map, mm.
 
         Raises:
-            UserError: for labels that span more than ``max_depth`` mm.
+            UserError: The shifted labels exceed ``max_depth``.
         """
         depths = [pose.depth for pose in truth if isinstance(pose, PlatePose)]
         if not depths:
@@ -43,20 +51,20 @@ class PlateScale:
         return cls(offset)
 
     def contacts(self, answer: Answer) -> Contacts:
-        """Return the contact of a plate, at x = 20 mm * sin(tilt); contacts stay what they are."""
+        """Return the contact of a plate, at x = 20 mm * sin(tilt); contacts are not changed."""
         if isinstance(answer, Contacts):
             return answer
         x = DOME_RADIUS_MM * math.sin(math.radians(answer.tilt))
         return Contacts.truth([[x, 0.0]], [answer.depth + self.offset])
 
     def plate(self, contacts: Contacts) -> PlatePose | None:
-        """Return the plate pose of the best contact, None without one."""
+        """Return the plate pose of the best contact; None without a contact."""
         pose = plate_from_contacts(contacts)
         return None if pose is None else PlatePose(pose.depth - self.offset, pose.tilt)
 
 
 def heatmaps(encoder: Encoder, truth: Sequence[Contacts], grid: Grid) -> np.ndarray:
-    """Return (N, C, H, W) float16 maps, encoded in one call where the encoder can."""
+    """Return (N, C, H, W) float16 maps of N frames, encoded in one call where the encoder can."""
     if not truth:
         return np.empty((0, encoder.channels, *grid.shape), dtype=np.float16)
     return np.asarray(encoder.encode_batch(truth, grid)).astype(np.float16)
@@ -65,7 +73,7 @@ def heatmaps(encoder: Encoder, truth: Sequence[Contacts], grid: Grid) -> np.ndar
 def position_error_mm(predicted: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
     """Return the mean distance of true contacts (or plates) to the nearest predicted one, mm.
 
-    Frames without a prediction are left out; None when that is all of them.
+    Frames without a prediction are left out; it is None when no frame is left.
     """
     distances = [
         float(np.linalg.norm(xy - true, axis=1).min())
@@ -77,7 +85,10 @@ def position_error_mm(predicted: Sequence[Answer | None], truth: Sequence[Answer
 
 
 def _positions(answer: Answer | None) -> np.ndarray:
-    """(K, 2) where contacts are, or where a plate touches the dome, mm; no rows for None."""
+    """Return the places of contacts, or where a plate touches the dome, (K, 2) mm.
+
+    There are no rows for None.
+    """
     if answer is None:
         return np.empty((0, 2))
     if isinstance(answer, PlatePose):

@@ -35,7 +35,7 @@ _UNREADABLE = (
 
 
 class DamagedFileError(Exception):
-    """A container that cannot be read or whose digest does not fit; the text says why."""
+    """A container that cannot be read or whose digest does not fit; the message tells why."""
 
 
 def save_weights(
@@ -49,11 +49,11 @@ def save_weights(
     """Write the weights of a model.
 
     Args:
-        directory: an existing folder.
-        tensors: by name.
-        model: the name that the model is declared by.
-        architecture: JSON values without which the tensors mean something else.
-        extra: further JSON values that ``load_weights`` returns.
+        directory: An existing folder.
+        tensors: Tensors by name.
+        model: Name by which the model is declared.
+        architecture: JSON values that determine the meaning of the tensors.
+        extra: Further JSON values that ``load_weights`` returns.
     """
     header = {
         "schema": _SCHEMA,
@@ -69,8 +69,13 @@ def load_weights(
 ) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """Return the tensors and extra values of weights of exactly this model and architecture.
 
+    Args:
+        directory: Folder of the weights.
+        model: Name by which the model is declared.
+        architecture: JSON values that determine the meaning of the tensors.
+
     Raises:
-        UserError: for a missing or damaged file and for weights of anything else.
+        UserError: The file is missing or damaged, or has another schema, model or architecture.
     """
     path = directory / FILE
     again = "train the model again (--fresh)."
@@ -113,8 +118,8 @@ def read_container(path: Path) -> tuple[dict[str, torch.Tensor], Any]:
     """Return tensors and header.
 
     Raises:
-        FileNotFoundError: where there is no such file.
-        DamagedFileError: for a file that cannot be read or was changed.
+        FileNotFoundError: The file does not exist.
+        DamagedFileError: The file cannot be read or was changed.
     """
     if not path.is_file():
         raise FileNotFoundError(path)
@@ -155,7 +160,11 @@ def pack_image(image: Image) -> str:
 
 
 def unpack_image(text: str) -> Image:
-    """Return the (H, W) uint8 image that ``pack_image`` wrote. Raises UserError for other text."""
+    """Return the (H, W) uint8 image of a text that ``pack_image`` wrote.
+
+    Raises:
+        UserError: The text is not one that ``pack_image`` writes.
+    """
     try:
         height, width, levels = text.split(" ")
         flat = np.frombuffer(zlib.decompress(base64.b85decode(levels)), dtype=np.uint8)
