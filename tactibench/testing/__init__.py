@@ -1,6 +1,7 @@
 """The conformance kit: named properties that a model, a sensor or an encoder must have.
 
-``tactibench check NAME`` prints them; in a plugin's own tests one line makes a test of each::
+``tactibench check NAME`` prints them. In a plugin's own tests one line makes a test of each of
+them::
 
     from tactibench.testing import conformance
 

@@ -29,8 +29,8 @@ from tactibench.testing.runner import (
 from tactibench.testing.subjects import EncoderSubject, ModelSubject, SensorSubject
 
 EPOCHS = "15"
-"""Epochs of a model under test that has such a parameter: enough for the shipped ones to answer a
-contact to frames like those of their training, and seconds on one core."""
+"""Epochs of a model under test that has such a parameter. With them the shipped models answer
+frames like those of their training with a contact, and train in seconds on one core."""
 
 PROPERTIES = {
     "model": properties_of(model_checks),
@@ -38,14 +38,18 @@ PROPERTIES = {
     "encoder": properties_of(encoder_checks),
 }
 OPTION_KINDS = {"sensor": "model", "encoder": "model", "data": "sensor"}
-"""Option of ``subject_of`` -> the kind of plugin that it belongs to."""
+"""Option of ``subject_of`` -> kind of plugin that it belongs to."""
 
 Parameters = Mapping[str, Mapping[str, str]]
-"""Kind -> parameter -> text, as of ``--param``."""
+"""Kind of plugin -> parameter -> text of its value, as in ``--param``."""
 
 
 def properties(kind: str) -> tuple[Property, ...]:
-    """Return all properties of a kind, in the order of their checks. Raises UserError."""
+    """Return all properties of a kind, in the order of their checks.
+
+    Raises:
+        UserError: The kind is none of "model", "sensor" and "encoder".
+    """
     if kind not in PROPERTIES:
         raise UserError(f"there is no kind {kind!r}; allowed: {', '.join(KINDS)}.")
     return PROPERTIES[kind]
@@ -61,19 +65,19 @@ def subject_of(
     data: Path | None = None,
     host: PluginHost | None = None,
 ) -> Any:
-    """Return the subject that the properties of a kind are checked on.
+    """Return the subject on which the properties of a kind are checked.
 
     Args:
         kind: "model", "sensor" or "encoder".
         name: Name of the plugin's model, sensor or encoder.
-        parameters: Kind -> parameter -> text; of a model also those of its encoder.
-        sensor: Sensor that presses the frames of a model; "": the default one.
-        encoder: Encoder that a model is trained through; "": its own or the default one.
-        data: Folder of a sensor that needs one.
-        host: Plugins; None: all installed ones.
+        parameters: Kind -> parameter -> text of its value; for a model also those of its encoder.
+        sensor: Sensor that presses the frames of a model; "" for the default one.
+        encoder: Encoder that a model is trained through; "" for its own or the default one.
+        data: Folder of recorded frames, for a sensor that needs one.
+        host: Plugins; None for all installed plugins.
 
     Raises:
-        UserError: For names, parameters and options that do not exist or fit.
+        UserError: A name, parameter or option does not exist, or they do not fit together.
     """
     properties(kind)
     host, given = host or PluginHost(), parameters or {}
@@ -111,9 +115,9 @@ def _model_subject(
     title: str, host: PluginHost, name: str, given: Parameters, sensor: str, encoder: str
 ) -> ModelSubject:
     spec = host.models[name]
-    own = dict(given.get("model", {}))
+    settings = dict(given.get("model", {}))
     if any(parameter.name == "epochs" for parameter in spec.parameters):
-        own.setdefault("epochs", EPOCHS)
+        settings.setdefault("epochs", EPOCHS)
     trained_through: tuple[EncoderSpec, Mapping[str, Value]] | None = None
     if spec.uses_encoder:
         default = spec.default_encoder or load_protocol(PROTOCOL).spec.defaults.encoder
@@ -133,13 +137,17 @@ def _model_subject(
             f"{presses.name!r} gives {presses.sensor.signal}; name another one with --sensor."
         )
     title = f"{title} on frames of {presses.name}"
-    return ModelSubject(title, spec, spec.settings(own), presses, trained_through)
+    return ModelSubject(title, spec, spec.settings(settings), presses, trained_through)
 
 
 def expected_failures(subject: Any, given: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the expected failures that a class declares, and those given.
+    """Return the expected failures that the class of a subject declares, and the given ones.
 
-    A class that cannot be loaded declares nothing: the property ``target`` says why.
+    A class that cannot be loaded declares none: the property ``target`` reports why.
+
+    Args:
+        subject: The subject.
+        given: Property -> reason why it is expected to fail.
     """
     try:
         declared = subject.spec.load().expected_failed_checks
@@ -161,13 +169,14 @@ def check(
     Args:
         kind: "model", "sensor" or "encoder".
         name: Name of the plugin's model, sensor or encoder.
-        expected_failed_checks: Property -> reason why it is expected to fail; what the class
-            declares under that name is added.
-        on_finding: Called with each finding as it comes.
+        expected_failed_checks: Property -> reason why it is expected to fail. Those that the class
+            declares under that name are added.
+        on_finding: Function that is called with each finding.
         options: Options of ``subject_of``.
 
     Raises:
-        UserError: As ``subject_of``, and for an expected failure that names no property.
+        UserError: A name, parameter or option does not exist, they do not fit together, or an
+            expected failure names no property or has no reason.
     """
     subject = subject_of(kind, name, **options)
     expected = expected_failures(subject, expected_failed_checks)
@@ -189,12 +198,13 @@ def conformance(
     Args:
         kind: "model", "sensor" or "encoder".
         name: Name of the plugin's model, sensor or encoder.
-        expected_failed_checks: Property -> reason why it is expected to fail; one that holds all
-            the same is a failure.
+        expected_failed_checks: Property -> reason why it is expected to fail; a listed property
+            that holds is a failure.
         options: Options of ``subject_of``.
 
     Raises:
-        UserError: At once, for an unknown kind or property.
+        UserError: The kind or a property is unknown, or an expected failure has no reason. It is
+            raised at once, not in the test.
     """
     import pytest
 

@@ -1,4 +1,4 @@
-"""The properties of an encoder: every public function is one, and has its name."""
+"""The properties of an encoder: every public function is a property and gives it its name."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from tactibench.testing.runner import (
 from tactibench.testing.subjects import EncoderSubject
 
 NUMBERS = ("channels", "separation", "tolerance")
+"""Attributes of an encoder that must be numbers."""
 NOISE = 0.02
 """Standard deviation of the noise that a trained network leaves on its maps."""
 HALF_WIDTH = 6.4
-"""Contacts lie in +- this, mm, as in the experiments."""
+"""Largest x and y of contacts, either way, mm, as in the experiments."""
 SHALLOW, DEEP = 0.5, 6.0
 """Range of depths, mm."""
 DEPTH_SLACK = 0.05
-"""Largest error of a depth, mm, where contacts are near each other or the border."""
+"""Largest error of a depth, mm, where contacts are near each other or near the border."""
 
 
 def target(subject: EncoderSubject) -> None:
@@ -57,7 +58,7 @@ def empty(subject: EncoderSubject) -> None:
     require(not (subject.is_heat and maps[0].any()), "the first map is not 0 where nothing touches")
     require(len(encoder.decode(maps, subject.grid)) == 0, "a contact was read from empty maps")
     for count in (0, 1, 70):
-        read = [len(one) for one in subject.decode(np.repeat(maps[None], count, axis=0))]
+        read = [len(contacts) for contacts in subject.decode(np.repeat(maps[None], count, axis=0))]
         require(read == [0] * count, f"a batch of {count} empty maps was read as {read}")
     for value in (0.04, 0.5, 1.0) if subject.is_heat else ():
         flat = np.full(wanted, value, np.float32)
@@ -128,12 +129,12 @@ def shift(subject: EncoderSubject) -> None:
         truth = Contacts.truth(rng.uniform(-5, 5, (1, 2)), rng.uniform(SHALLOW, DEEP, 1))
         right, down = rng.integers(-6, 7, 2).tolist()
         maps = encoder.encode(truth, grid)
-        here = encoder.decode(maps, grid)
-        there = encoder.decode(np.roll(maps, (down, right), axis=(1, 2)), grid)
-        require(len(here) == len(there), f"{_label(truth)} moved is {len(there)} contacts")
-        moved = np.abs(there.xy - here.xy - grid.pitch * np.array([right, down])).max()
+        at_first = encoder.decode(maps, grid)
+        rolled = encoder.decode(np.roll(maps, (down, right), axis=(1, 2)), grid)
+        require(len(at_first) == len(rolled), f"{_label(truth)} moved is {len(rolled)} contacts")
+        moved = np.abs(rolled.xy - at_first.xy - grid.pitch * np.array([right, down])).max()
         require(moved <= 1e-6, f"{_label(truth)} moved by {right}, {down} is off by {moved:.3g}")
-        deeper = np.abs(there.depth - here.depth).max()
+        deeper = np.abs(rolled.depth - at_first.depth).max()
         require(deeper <= 1e-6, f"the depth of {_label(truth)} changed by {deeper:.3g} mm")
 
 
@@ -155,9 +156,9 @@ def noise(subject: EncoderSubject) -> None:
     lists = [_random_contact(rng, shallowest=2.0) for _ in range(200)]
     maps = subject.encode(lists)
     maps = maps + NOISE * rng.standard_normal(maps.shape, dtype=np.float32)
-    found = [contacts.top(1) for contacts in subject.decode(maps)]
-    depth = [_largest_errors(f, t)[1] for f, t in zip(found, lists, strict=True)]
-    away = np.array([f.xy[0] - t.xy[0] for f, t in zip(found, lists, strict=True)])
+    best = [contacts.top(1) for contacts in subject.decode(maps)]
+    depth = [_largest_errors(f, t)[1] for f, t in zip(best, lists, strict=True)]
+    away = np.array([f.xy[0] - t.xy[0] for f, t in zip(best, lists, strict=True)])
     rms = float(np.sqrt(np.mean(np.square(away)))) / subject.grid.pitch
     require(rms < subject.noise_cells, f"rms {rms:.3g} cells, at most {subject.noise_cells:g}")
     off, most = float(np.sqrt(np.mean(np.square(depth)))), 3 * NOISE * DEEP
@@ -175,9 +176,9 @@ def close_pair(subject: EncoderSubject) -> None:
         lists = [_random_pair(rng, distance, [SHALLOW, DEEP]) for _ in range(100)]
         lists += [_random_pair(rng, distance, rng.uniform(SHALLOW, DEEP, 2)) for _ in range(150)]
         decoded = subject.decode(subject.encode(lists))
-        for one, truth in zip(decoded, lists, strict=True):
-            require(len(one) == 2, f"{_label(truth)} were read as {len(one)} contacts")
-            position, depth = _largest_errors(one, truth)
+        for contacts, truth in zip(decoded, lists, strict=True):
+            require(len(contacts) == 2, f"{_label(truth)} were read as {len(contacts)} contacts")
+            position, depth = _largest_errors(contacts, truth)
             require(position <= allowed, f"{_label(truth)} came back off by {position:.3g} mm")
             require(
                 depth <= max(encoder.tolerance, DEPTH_SLACK),
@@ -201,9 +202,9 @@ def pure(subject: EncoderSubject) -> None:
     require(np.array_equal(alone, before), "decode changed the maps")
     maps.setflags(write=False)
     with must_work("reading maps that may not be written to"):
-        found = [subject.encoder.decode(single, subject.grid) for single in maps]
+        read_only = [subject.encoder.decode(single, subject.grid) for single in maps]
         subject.decode(maps)
-    for single, other in zip(found, together, strict=True):
+    for single, other in zip(read_only, together, strict=True):
         _alike(single, other, 1e-9, "alone and in a batch")
 
 
@@ -217,8 +218,8 @@ def dtype(subject: EncoderSubject) -> None:
         wide[:, :, ::2] = maps
         for given in (maps.astype(kind), wide[:, :, ::2], np.asfortranarray(maps.astype(kind))):
             with must_work(f"reading {np.dtype(kind)} maps"):
-                found = encoder.decode(np.asanyarray(given), grid)
-            _alike(found, expected, slack, f"as {np.dtype(kind)}")
+                decoded = encoder.decode(np.asanyarray(given), grid)
+            _alike(decoded, expected, slack, f"as {np.dtype(kind)}")
 
 
 def scores(subject: EncoderSubject) -> None:
@@ -313,9 +314,9 @@ def several(subject: EncoderSubject) -> None:
         places = xy + rng.uniform(-1.5, 1.5, 2)
         lists.append(Contacts.truth(places, rng.uniform(SHALLOW, DEEP, 3)))
     tolerance = subject.encoder.tolerance
-    for one, truth in zip(subject.decode(subject.encode(lists)), lists, strict=True):
-        require(len(one) == 3, f"{_label(truth)} were read as {len(one)} contacts")
-        position, depth = _largest_errors(one, truth)
+    for decoded, truth in zip(subject.decode(subject.encode(lists)), lists, strict=True):
+        require(len(decoded) == 3, f"{_label(truth)} were read as {len(decoded)} contacts")
+        position, depth = _largest_errors(decoded, truth)
         require(
             position <= max(tolerance, 0.05) and depth <= max(tolerance, 0.01),
             f"{_label(truth)} came back off by {position:.3g} mm, their depths by {depth:.3g} mm",
@@ -323,7 +324,7 @@ def several(subject: EncoderSubject) -> None:
 
 
 def _random_contact(rng: np.random.Generator, shallowest: float = SHALLOW) -> Contacts:
-    """Return one contact, anywhere in the range."""
+    """Return one contact, anywhere in the range of places and depths."""
     xy = rng.uniform(-HALF_WIDTH, HALF_WIDTH, (1, 2))
     return Contacts.truth(xy, rng.uniform(shallowest, DEEP, 1))
 
@@ -336,16 +337,21 @@ def _random_pair(rng: np.random.Generator, distance: float, depth: object) -> Co
 
 
 def _read_back(encoder: Encoder, truth: Contacts, grid: Grid) -> tuple[float, float]:
-    """Return the errors of position and depth after encoding and decoding, mm."""
+    """Return the largest errors of position and depth after encoding and decoding, mm.
+
+    Raises:
+        Failed: The number of contacts changed, or two contacts were read as one.
+    """
     decoded = encoder.decode(encoder.encode(truth, grid), grid)
     require(len(decoded) == len(truth), f"{_label(truth)} was read as {len(decoded)} contacts")
     return _largest_errors(decoded, truth)
 
 
 def _largest_errors(found: Contacts, truth: Contacts) -> tuple[float, float]:
-    """Return the largest errors of position and depth of the predictions nearest to the truth.
+    """Return the largest errors of position and depth of the predictions nearest to the truth, mm.
 
-    Raises Failed when two true contacts have the same nearest prediction.
+    Raises:
+        Failed: There is no prediction, or two true contacts have the same nearest prediction.
     """
     require(len(found), "no contact was read")
     nearest = np.linalg.norm(found.xy[:, None] - truth.xy[None], axis=-1).argmin(axis=0)
@@ -355,7 +361,7 @@ def _largest_errors(found: Contacts, truth: Contacts) -> tuple[float, float]:
 
 
 def _label(contacts: Contacts) -> str:
-    """Return ``x -6.40 y 3.00 depth 0.50 mm`` of every contact."""
+    """Return a text such as "x -6.40 y 3.00 depth 0.50 mm" with all contacts."""
     rows = zip(contacts.xy.tolist(), contacts.depth.tolist(), strict=True)
     return " and ".join(f"x {x:.2f} y {y:.2f} depth {d:.2f} mm" for (x, y), d in rows)
 

@@ -1,4 +1,4 @@
-"""The properties of a model: every public function is one, and has its name."""
+"""The properties of a model: every public function is a property and gives it its name."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ from tactibench.testing.runner import (
 from tactibench.testing.subjects import FIT, SEED, ModelSubject, difference
 
 BATCH = 8
+"""Frames that are answered together."""
 SHOWN = 10
 """Labelled frames that a model adapts to."""
 EXACT = 1e-6
@@ -172,11 +173,11 @@ def damaged_weights(subject: ModelSubject) -> None:
             subject.build().load(folder)
         subject.trained().save(folder)
         for path in [path for path in folder.rglob("*") if path.is_file()]:
-            whole = path.read_bytes()
-            path.write_bytes(whole[: len(whole) // 2])
+            content = path.read_bytes()
+            path.write_bytes(content[: len(content) // 2])
             with must_refuse(f"half of {path.name}"):
                 subject.build().load(folder)
-            path.write_bytes(whole)
+            path.write_bytes(content)
 
 
 def input_unchanged(subject: ModelSubject) -> None:
@@ -332,12 +333,12 @@ def adapt(subject: ModelSubject) -> None:
 
 
 def _global_state() -> dict[str, object]:
-    """Return what a model shares with everything else in the process, by its name."""
+    """Return the state that a model shares with everything else in the process, by its name."""
     state: dict[str, object] = {
         "the generator of random": random.getstate(),
         "the generator of numpy.random": repr(np.random.get_state()),  # noqa: NPY002
     }
-    torch: Any = sys.modules.get("torch")  # what nobody has imported nobody has changed
+    torch: Any = sys.modules.get("torch")  # if it is not imported, nothing has changed it
     if torch is not None:
         state["the generator of torch"] = torch.get_rng_state().numpy().tobytes()
         state["torch's number of threads"] = torch.get_num_threads()
@@ -345,7 +346,7 @@ def _global_state() -> dict[str, object]:
 
 
 def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:
-    """Return the frame with image and rest image changed alike."""
+    """Return the frame with image and rest image changed in the same way."""
     rest = None if frame.rest is None else change(frame.rest)
     return replace(frame, signal=change(frame.image), rest=rest)
 
@@ -355,14 +356,19 @@ def _resize_to_gray(image: Image, shape: tuple[int, int]) -> Image:
 
 
 def _swap_colour(image: Image) -> Image:
-    """Return RGB for a grey image, grey for an RGB one."""
+    """Return a grey image as RGB, and an RGB image as grey."""
     return image[..., 1].copy() if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
 
 
 def _predict_or_refuse(
     subject: ModelSubject, frames: list[Frame], case: str
 ) -> list[Answer | None] | None:
-    """Return the answers; None: refused in words. Raises Failed for anything else."""
+    """Return the answers; None where the model refuses the frames in words.
+
+    Raises:
+        Failed: The answers are not allowed, the frames were refused without words, or the model
+            raised something else than a UserError.
+    """
     model = subject.trained()
     try:
         return subject.predict(model, frames)

@@ -14,15 +14,16 @@ Build = Callable[[Mapping[str, Value]], Any]
 
 
 def check_parameters(spec: Any, values: Mapping[str, Value], build: Build) -> None:
-    """Check that every allowed value builds or is refused, and that every other is refused.
+    """Check that every allowed value builds or is refused, and that every other value is refused.
 
     Args:
         spec: The spec whose parameters are checked.
         values: Values of all parameters; one at a time is changed.
-        build: Makes the target from the values of all parameters.
+        build: Function that builds the target from the values of all parameters.
 
     Raises:
-        Failed: For a value that is treated otherwise.
+        Failed: A forbidden value is not refused, or an allowed value raises something else than a
+            UserError.
     """
     with must_refuse("a parameter that is not declared"):
         spec.settings({"no_such_parameter": "1"})
@@ -58,7 +59,7 @@ def _forbidden_texts(parameter: Parameter) -> Iterator[str]:
 
 
 def _edge_values(parameter: Parameter) -> Iterator[Value]:
-    """Yield allowed values that an author is likely to have forgotten."""
+    """Yield allowed values that an author may have forgotten."""
     if parameter.choices:
         yield from parameter.choices
         return
@@ -68,10 +69,10 @@ def _edge_values(parameter: Parameter) -> Iterator[Value]:
     elif isinstance(default, str):
         yield "no such value"
     else:
-        kind, whole = type(default), isinstance(default, int)
+        kind, is_integer = type(default), isinstance(default, int)
         low, high = parameter.low, parameter.high
-        yield kind(-1) if low is None else kind(ceil(low) if whole else low)
+        yield kind(-1) if low is None else kind(ceil(low) if is_integer else low)
         if low is None or low < 0:
             yield kind(0)
         if high is not None:
-            yield kind(floor(high) if whole else high)
+            yield kind(floor(high) if is_integer else high)

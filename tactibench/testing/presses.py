@@ -17,12 +17,17 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
 
 PROTOCOL = "exp1"
-"""Protocol whose workspace, grid, draws, default sensor and default encoder the checks take."""
+"""Protocol whose workspace, grid, draws, default sensor and default encoder the checks use."""
 
 
 @dataclass(frozen=True)
 class Examples:
-    """Frames as a sensor gives them, and their truth."""
+    """Frames of a sensor, and their truth.
+
+    Attributes:
+        frames: The frames as the sensor gives them.
+        truth: True answer to every frame.
+    """
 
     frames: tuple[Frame, ...]
     truth: tuple[Answer, ...]
@@ -44,7 +49,7 @@ def writable(frame: Frame) -> Frame:
 
 
 def changed_images(before: Sequence[Frame], after: Sequence[Frame]) -> str:
-    """Return words for the images of frames that differ, "" for none."""
+    """Return words for the first images that differ between two lists of frames, "" for none."""
     for first, second in zip(before, after, strict=True):
         if first.signal.tobytes() != second.signal.tobytes():
             return "the image of a frame"
@@ -70,10 +75,14 @@ class SensorPresses:
 
     @classmethod
     def by_name(cls, host: PluginHost, name: str = "") -> SensorPresses:
-        """Take a sensor with its default parameters; "": the protocol's default sensor.
+        """Return the presses of a sensor with its default parameters.
+
+        Args:
+            host: The plugins.
+            name: Name of the sensor; "" for the protocol's default sensor.
 
         Raises:
-            UserError: For an unknown sensor, and for one that needs data of its own.
+            UserError: The sensor is unknown, or presses only recorded or reference scenes.
         """
         protocol = load_protocol(PROTOCOL).spec
         spec = host.sensors[name or protocol.defaults.sensor]
@@ -86,17 +95,21 @@ class SensorPresses:
         return cls(pressable(protocol, sensor), spec.name, sensor)
 
     def singles(self, count: int) -> Examples:
-        """Press one spherical tip, within the workspace."""
+        """Return presses of one spherical tip within the workspace."""
         return self._press_tips(self._draw(0, count))
 
     def several(self, count: int) -> Examples:
-        """Press two and three tips in turn."""
+        """Return presses of two and three tips in turn."""
         duals, triples = self._draw(1, count), self._draw(2, count)
         in_turn = [scene for pair in zip(duals, triples, strict=True) for scene in pair]
         return self._press_tips(in_turn[:count])
 
     def plates(self, count: int) -> Examples:
-        """Press a plate, tilted along x. Raises UserError where the sensor cannot press one."""
+        """Return presses of a plate that is tilted along x.
+
+        Raises:
+            UserError: The sensor cannot press a plate.
+        """
         rng = np.random.default_rng(5)
         tilts, depths = rng.uniform(-15, 15, count), rng.uniform(1, 4, count)
         scenes = [
@@ -111,7 +124,7 @@ class SensorPresses:
             return opened.rest()
 
     def _draw(self, number: int, count: int) -> Sequence[Scene]:
-        """Return the first presses of a draw of the protocol."""
+        """Return the first ``count`` presses of the draw of a number in the protocol."""
         draws = list(self.protocol.draws)
         draws[number] = draws[number].model_copy(update={"count": count})
         shortened = self.protocol.model_copy(update={"draws": tuple(draws)})
@@ -126,5 +139,5 @@ class SensorPresses:
         with self.sensor as opened:
             frames = tuple(opened.press_many(scenes))
         for frame in frames:
-            frame.signal.setflags(write=False)  # as those that a run takes from its cache
+            frame.signal.setflags(write=False)  # as in frames that a run takes from its cache
         return frames

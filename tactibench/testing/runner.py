@@ -26,11 +26,11 @@ RAN = (PASSED, FAILED, EXPECTED, UNEXPECTED)
 
 
 class Failed(AssertionError):  # noqa: N818 - the name of an outcome
-    """A property does not hold; the message says what was seen."""
+    """A property does not hold; the message tells what was seen."""
 
 
 class NotApplicable(Exception):  # noqa: N818 - the name of an outcome
-    """A property says nothing about this subject; the message says why."""
+    """A property does not apply to this subject; the message tells why."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Property:
 
     Attributes:
         name: Short name, as in ``expected_failed_checks``.
-        statement: One line that says what is asserted.
+        statement: The assertion in one line.
         check: Function of the subject that raises `Failed` or `NotApplicable`, or returns.
     """
 
@@ -49,13 +49,13 @@ class Property:
 
     @classmethod
     def from_function(cls, check: Callable[[Any], None]) -> Property:
-        """Make a property of a function: its name, and the first paragraph of its docstring."""
+        """Return the property of a function; its docstring's first paragraph is the statement."""
         first_paragraph = (check.__doc__ or "").strip().partition("\n\n")[0]
         return cls(check.__name__, " ".join(first_paragraph.split()).rstrip("."), check)
 
 
 def properties_of(module: ModuleType) -> tuple[Property, ...]:
-    """Return a property for every public function that a module defines, in their order."""
+    """Return a property for every public function that a module defines, in the module's order."""
     return tuple(
         Property.from_function(value)
         for name, value in vars(module).items()
@@ -71,11 +71,12 @@ class Finding:
 
     Attributes:
         checked: The property.
-        outcome: One of the words at the top of this module.
-        message: On failure what was seen; else why it was skipped or expected to fail, or "".
-        seconds: Time that the check took.
-        raised: Whether the plugin raised where it must not, so that no other property can tell
-            more.
+        outcome: PASSED, FAILED, SKIPPED, EXPECTED or UNEXPECTED.
+        message: On failure what was seen; otherwise why the property was skipped or expected to
+            fail, or "".
+        seconds: Duration of the check, s.
+        raised: Whether the plugin raised where it must not, so that further properties would tell
+            nothing more.
     """
 
     checked: Property
@@ -86,7 +87,7 @@ class Finding:
 
     @property
     def ok(self) -> bool:
-        """True for an outcome as it should be."""
+        """True where the property holds, was skipped or failed as expected."""
         return self.outcome not in (FAILED, UNEXPECTED)
 
     def line(self) -> str:
@@ -103,7 +104,7 @@ class Report:
     Attributes:
         title: Kind, name and plugin of the subject.
         findings: One for each property, in their order.
-        unchecked: Properties that were left out, because the plugin raised before.
+        unchecked: Number of properties that were left out because the plugin raised before.
     """
 
     title: str
@@ -121,11 +122,11 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """True where something ran, and all of it came out as it should."""
+        """True where a property was checked, and all findings are ok."""
         return self.ran > 0 and all(finding.ok for finding in self.findings)
 
     def summary(self) -> str:
-        """Return ``20 ran: 18 passed, 1 failed, 1 failed as expected; 2 skipped``."""
+        """Return "20 ran: 18 passed, 1 failed, 1 failed as expected; 2 skipped" and the like."""
         counts = Counter(finding.outcome for finding in self.findings)
         always = (PASSED, FAILED)
         parts = [f"{counts[name]} {name}" for name in RAN if counts[name] or name in always]
@@ -159,7 +160,10 @@ def must_refuse(case: str) -> Iterator[None]:
     """Require that the block ends in a UserError with a message.
 
     Args:
-        case: Words for what is done inside, the beginning of the message of `Failed`.
+        case: Words for the action of the block, with which the message of `Failed` begins.
+
+    Raises:
+        Failed: The block raises something else, or nothing.
     """
     try:
         yield
@@ -173,10 +177,13 @@ def must_refuse(case: str) -> Iterator[None]:
 
 @contextmanager
 def must_work(case: str) -> Iterator[None]:
-    """Turn whatever the block raises into `Failed`; `Failed` and `NotApplicable` pass.
+    """Turn every exception of the block into `Failed`; `Failed` and `NotApplicable` pass.
 
     Args:
-        case: Words for what is done inside, the beginning of the message.
+        case: Words for the action of the block, with which the message begins.
+
+    Raises:
+        Failed: The block raises an exception.
     """
     try:
         yield
@@ -192,7 +199,7 @@ def examine(checked: Property, subject: Any, expected: str | None = None) -> Fin
     Args:
         checked: The property.
         subject: Argument of its function.
-        expected: Reason why it is expected to fail; None: it is not.
+        expected: Reason why the property is expected to fail; None where it is not.
     """
     start = time.perf_counter()
     outcome, message, error = _outcome(checked, subject)
@@ -222,7 +229,7 @@ def _outcome(checked: Property, subject: Any) -> tuple[str, str, BaseException |
 
 
 def _place(error: BaseException) -> str:
-    """Return where a plugin raised what made a property fail; "" where it raised nothing."""
+    """Return the place where a plugin raised the exception of a failure; "" for no exception."""
     cause = error.__cause__ if isinstance(error, Failed) else error
     place = None if cause is None else Owners().place_of_error(cause)
     return "" if place is None else f" in {place}"
@@ -236,16 +243,16 @@ def run_checks(
 ) -> Report:
     """Check properties one by one, until the plugin raises where it must not.
 
-    What comes after would fail, or be skipped, for the same cause.
+    Further properties would fail or be skipped for the same cause.
 
     Args:
-        properties: What to check.
-        subject: Subject of all of them, with a ``title``.
+        properties: The properties to check.
+        subject: Subject of all properties, with a ``title``.
         expected_failed_checks: Name of a property -> reason why it is expected to fail.
-        on_finding: Called with each finding as it comes.
+        on_finding: Function that is called with each finding.
 
     Raises:
-        UserError: For an expected failure that names no property, or has no reason.
+        UserError: An expected failure names no property, or has no reason.
     """
     checked, expected = tuple(properties), dict(expected_failed_checks or {})
     check_names(checked, expected)

@@ -1,4 +1,4 @@
-"""The properties of a sensor: every public function is one, and has its name."""
+"""The properties of a sensor: every public function is a property and gives it its name."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Mishap(Exception):  # noqa: N818 - no error of the kit
-    """Raised inside a ``with`` block, to see it come out."""
+    """Raised inside a ``with`` block, to check that it leaves the block."""
 
 
 def target(subject: SensorSubject) -> None:
@@ -187,10 +187,10 @@ def refusals(subject: SensorSubject) -> None:
         "a scene at infinite depth": _tip(0.0, 0.0, float("inf")),
     }
     if subject.has_own_scenes:
-        there = set(_own_scenes(subject).values())
+        own_scenes = set(_own_scenes(subject).values())
         scene = subject.scenes[0]
         other = replace(scene, pose=replace(scene.pose, depth=scene.pose.depth + 0.0123))
-        require(other not in there, "the check found no scene that is not there")
+        require(other not in own_scenes, "the check found no scene that is not there")
         wrong["a scene that it does not have"] = other
     with subject.build() as sensor:
         for case, scene in wrong.items():
@@ -264,13 +264,13 @@ def error_bounds(subject: SensorSubject) -> None:
     """Known error bounds are (S,) mm and not negative; no term is needed by more than S scenes."""
     subject.skip_unless_any_scene()
     scenes = [_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)]
-    known, terms = subject.unopened.error_bounds(scenes), subject.unopened.terms(scenes)
-    if known is None and not terms:
+    given, terms = subject.unopened.error_bounds(scenes), subject.unopened.terms(scenes)
+    if given is None and not terms:
         raise NotApplicable("it knows no error bounds and no terms")
     for name, count in terms.items():
         require(0 < count <= len(scenes), f"{count} of {len(scenes)} scenes need term {name!r}")
-    if known is not None:
-        bounds = np.asarray(known)
+    if given is not None:
+        bounds = np.asarray(given)
         require(bounds.shape == (len(scenes),), f"shape {bounds.shape} for {len(scenes)} scenes")
         require((bounds >= 0).all(), f"{bounds.tolist()} mm; a bound is 0 or more, or inf")
 
@@ -289,7 +289,7 @@ def forces(subject: SensorSubject) -> None:
 
 
 def _tip(x: float, y: float, depth: float) -> Scene:
-    """Return a press by one spherical tip of 3 mm."""
+    """Return a press by one spherical tip of 3 mm radius, at x, y and depth in mm."""
     return Scene(Indenter.single(), Pose(x, y, 0.0, 0.0, depth))
 
 
@@ -301,18 +301,18 @@ def _own_scenes(subject: SensorSubject) -> Mapping[str, Scene]:
 
 
 def _gray(frame: Frame) -> Array:
-    """Return (H, W) grey levels, colours averaged, or channels."""
+    """Return the (H, W) grey levels of an image, colours averaged, or the channels."""
     levels = np.asarray(frame.signal, dtype=np.float64)
     return levels.mean(axis=2) if levels.ndim == 3 else levels
 
 
 def _change(frame: Frame, rest: Frame) -> Array:
-    """Return the squared change of every pixel or channel against the undeformed sensor."""
+    """Return the squared change of every pixel or channel from the undeformed sensor."""
     return np.square(_gray(frame) - _gray(rest))
 
 
 def _centroid(change: Array) -> tuple[float, float]:
-    """Return column and row of the centroid of (H, W) change, px."""
+    """Return column and row of the centroid of a change (H, W), px."""
     total = float(change.sum())
     rows, columns = np.indices(change.shape)
     return float((change * columns).sum() / total), float((change * rows).sum() / total)
@@ -320,9 +320,9 @@ def _centroid(change: Array) -> tuple[float, float]:
 
 def _require_equal(first: list[Frame], second: list[Frame], case: str) -> None:
     require(len(first) == len(second), f"{case}: {len(first)} and {len(second)} frames")
-    for number, (one, other) in enumerate(zip(first, second, strict=True), 1):
-        require(np.array_equal(one.signal, other.signal), f"{case} differ in frame {number}")
-        require(one.pose == other.pose, f"{case} differ in pose {number}")
+    for number, (frame, other) in enumerate(zip(first, second, strict=True), 1):
+        require(np.array_equal(frame.signal, other.signal), f"{case} differ in frame {number}")
+        require(frame.pose == other.pose, f"{case} differ in pose {number}")
 
 
 def _as_json(description: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Subjects: models, sensors and encoders under test, with what their checks share."""
+"""Subjects: models, sensors and encoders under test, with the data that their checks share."""
 
 from __future__ import annotations
 
@@ -40,10 +40,11 @@ from tactibench.testing.runner import NotApplicable, require
 FIT, VALIDATION, TEST = 40, 10, 12
 """Frames that a model under test is trained on, validated on and tested on."""
 SEED = 3
+"""Seed of the trainings."""
 PRESSES = 8
 """Presses of the check of a sensor."""
 MOST_CONTACTS = 64
-"""Contacts that may be read from any map by an encoder that does not say."""
+"""Most contacts that an encoder may read from any map, if it does not declare a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +56,9 @@ class ModelSubject:
         spec: The model.
         values: Values of its parameters.
         presses: Source of its frames.
-        encoder: The encoder that it is trained through, with its parameters; None: it uses none.
-        answer: "contacts" or "plate", what it must answer; "": contacts where it declares them.
+        encoder: The encoder that it is trained through, with its parameters; None where it uses
+            none.
+        answer: Kind of its answers, "contacts" or "plate"; "" for contacts where it declares them.
     """
 
     title: str
@@ -72,18 +74,22 @@ class ModelSubject:
         return self.answer or ("contacts" if "contacts" in self.spec.answers else "plate")
 
     def skip_without_images(self) -> None:
-        """Raise NotApplicable where the model is shown channels."""
+        """Raise NotApplicable where the frames of the model are channels."""
         if self.presses.sensor.signal != IMAGE:
             raise NotApplicable(f"{self.presses.name} gives no images")
 
     def briefly(self, answer: str = "") -> ModelSubject:
-        """Return the same model with one epoch, if it has epochs, for another kind of answer."""
-        known = {parameter.name for parameter in self.spec.parameters}
-        values = {**self.values, "epochs": 1} if "epochs" in known else self.values
+        """Return the same model with one epoch, if it has epochs, for another kind of answer.
+
+        Args:
+            answer: "contacts" or "plate"; "" for the same kind.
+        """
+        declared = {parameter.name for parameter in self.spec.parameters}
+        values = {**self.values, "epochs": 1} if "epochs" in declared else self.values
         return replace(self, values=values, answer=answer or self.answer)
 
     def context(self, checkpoints: Path | None = None) -> ModelContext:
-        """Return the circumstances that the model is built for."""
+        """Return the context in which the model is built."""
         protocol = self.presses.protocol
         encoder = None
         if self.encoder is not None:
@@ -98,12 +104,12 @@ class ModelSubject:
         )
 
     def build(self, values: Mapping[str, Value] | None = None) -> Model:
-        """Return a new, untrained model, with other parameters where they are given."""
+        """Return a new, untrained model, with other values of its parameters if they are given."""
         return self.spec.load()(self.context(), **(self.values if values is None else values))
 
     @cached_property
     def examples(self) -> Examples:
-        """All frames: presses by one tip, or by a plate where plate poses are asked for."""
+        """All frames: presses by one tip, or by a plate where answers are plate poses."""
         count = FIT + VALIDATION + TEST
         if self.answer_kind == "contacts":
             return self.presses.singles(count)
@@ -118,7 +124,13 @@ class ModelSubject:
         return self.examples[-TEST:]
 
     def fit(self, model: Model, training: Examples | None = None, seed: int = SEED) -> FitReport:
-        """Train a model, with the seed of all checks and on their frames where none is given."""
+        """Train a model and return its report.
+
+        Args:
+            model: The model.
+            training: Training frames; None for those of all checks.
+            seed: Seed of the training.
+        """
         training = training or self.examples[:FIT]
         validation = self.examples[FIT : FIT + VALIDATION]
         return model.fit(
@@ -140,26 +152,34 @@ class ModelSubject:
 
         try:
             return call_plugin(train)
-        except PluginError as error:  # `fit` reports it, the others refer to that
+        except PluginError as error:  # the check `fit` reports it, the others refer to `fit`
             return error.__cause__ or error
 
     def report(self) -> FitReport:
-        """Return the report of the training. Raises what it raised when it did not end."""
+        """Return the report of the training.
+
+        Raises:
+            BaseException: The exception that the training raised.
+        """
         if isinstance(self._training, BaseException):
             raise self._training
         return self._training[1]
 
     def trained(self) -> Model:
-        """Return the trained model. Raises NotApplicable when training failed, see ``fit``."""
+        """Return the trained model.
+
+        Raises:
+            NotApplicable: The training failed, see ``fit``.
+        """
         if isinstance(self._training, BaseException):
             raise NotApplicable("the model does not train, see fit")
         return self._training[0]
 
     @cached_property
     def trained_again(self) -> tuple[Model, str]:
-        """Another model, trained alike on copies that may be written to; the images it changed.
+        """Another model, trained in the same way on writable copies, and words for changed images.
 
-        This one may keep checkpoints, as in a run; the first may not.
+        It may store checkpoints, as in a run, while the first model may not.
         """
         _ = self.trained()
         training = self.examples[:FIT]
@@ -171,15 +191,28 @@ class ModelSubject:
 
     @cached_property
     def answers(self) -> list[Answer | None]:
-        """Answers of the trained model to the test frames, all at once."""
+        """Answers of the trained model to all test frames at once."""
         return self.predict(self.trained(), self.test_examples.frames)
 
     def predict(self, model: Model, frames: Sequence[Frame]) -> list[Answer | None]:
-        """Return answers of a model. Raises Failed for a wrong number or kind."""
+        """Return the answers of a model to frames.
+
+        Raises:
+            Failed: There is not one allowed answer for every frame.
+        """
         return self.check_answers(model.predict(list(frames)), len(frames))
 
     def check_answers(self, given: Sequence[Answer | None], count: int) -> list[Answer | None]:
-        """Return answers that are one allowed answer a frame. Raises Failed for others."""
+        """Return answers after a check that there is one allowed answer for every frame.
+
+        Args:
+            given: Answers of a model.
+            count: Number of frames.
+
+        Raises:
+            Failed: The number of answers is wrong, or an answer is of another kind, has too many
+                contacts or is not finite.
+        """
         answers, most = list(given), self.spec.max_contacts
         require(len(answers) == count, f"{len(answers)} answers to {count} frames")
         plate = self.answer_kind == "plate"
@@ -210,7 +243,7 @@ class SensorSubject:
         title: Kind, name and plugin.
         spec: The sensor.
         values: Values of its parameters.
-        data: Its folder, or None.
+        data: Folder of its recorded frames; None where it needs none.
     """
 
     title: str
@@ -219,7 +252,12 @@ class SensorSubject:
     data: Path | None = None
 
     def build(self, values: Mapping[str, Value] | None = None, seed: int = 0) -> Sensor:
-        """Return a sensor that nobody has opened, with other parameters where they are given."""
+        """Return a sensor that is not opened.
+
+        Args:
+            values: Values of its parameters; None for those of the subject.
+            seed: Seed of the sensor.
+        """
         context = SensorContext(np.random.SeedSequence(seed), self.data)
         return self.spec.load()(context, **(self.values if values is None else values))
 
@@ -240,14 +278,14 @@ class SensorSubject:
 
     @cached_property
     def scenes(self) -> tuple[Scene, ...]:
-        """A few scenes: of the protocol, or of those that it has."""
-        own = self.unopened.scenes()
-        if own is not None:
-            return spread(list(own.values()), PRESSES)
+        """A few scenes of the protocol, or of the sensor where it has its own."""
+        own_scenes = self.unopened.scenes()
+        if own_scenes is not None:
+            return spread(list(own_scenes.values()), PRESSES)
         return draw_scenes(self.protocol, self.protocol.draws[0].name).scenes[:PRESSES]
 
     def press(self, *scenes: Scene, seed: int = 0) -> list[Frame]:
-        """Return frames of a new sensor that presses one scene after the other."""
+        """Return the frames of a new sensor that presses one scene after the other."""
         with self.build(seed=seed) as opened:
             return [opened.press(scene) for scene in scenes]
 
@@ -282,7 +320,7 @@ class EncoderSubject:
     noise_cells: float = 1.0
 
     def build(self, values: Mapping[str, Value]) -> Encoder:
-        """Return an encoder with the given parameters."""
+        """Return an encoder with given values of its parameters."""
         return self.spec.load()(**values)
 
     @cached_property
@@ -292,12 +330,12 @@ class EncoderSubject:
 
     @property
     def is_heat(self) -> bool:
-        """True for maps that are heat: 0 where nothing is, 1 where most is."""
+        """True for maps that are heat, which is 0 without contact and at most 1."""
         return self.spec.kind == "heat"
 
     @property
     def most_contacts(self) -> int:
-        """Contacts that it may read from any map."""
+        """Most contacts that it may read from any map."""
         return self.spec.max_contacts or int(self.values.get("max_count", MOST_CONTACTS))
 
     def encode(self, contacts: Sequence[Contacts]) -> npt.NDArray[np.float32]:
@@ -320,10 +358,13 @@ class EncoderSubject:
 
 
 def difference(first: Sequence[Answer | None], second: Sequence[Answer | None]) -> float:
-    """Return the largest difference between two lists of answers; inf for other shapes."""
+    """Return the largest difference between two lists of answers, in mm, deg and score.
+
+    It is inf where two answers differ in kind or number of contacts.
+    """
     worst = 0.0
-    for one, other in zip(first, second, strict=True):
-        a, b = _numbers(one), _numbers(other)
+    for answer, other in zip(first, second, strict=True):
+        a, b = _numbers(answer), _numbers(other)
         if a.shape != b.shape:
             return float("inf")
         worst = max([worst, *np.abs(a - b).ravel().tolist()])
