@@ -53,7 +53,7 @@ __all__ = [
 STORE = Path("runs")
 BOARD = Path("leaderboards")
 PLOTS = ("frontier", "curve", "stability")
-"""Figures of ``plot``."""
+"""Kinds of figures of ``plot``."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Run(StoredRun):
     """A stored run.
 
     Attributes:
-        folder: Where it lies: record, arrays and pictures.
-        record: Everything that was measured, and everything it was made from.
+        folder: Folder of its record, arrays and pictures.
+        record: Everything that was measured, and everything that the run was made from.
     """
 
     @property
@@ -81,7 +81,15 @@ class Run(StoredRun):
         return _frame([row.json_values() for row in self.record.speed])
 
     def value(self, metric: str, group: str = "all") -> float | None:
-        """Return a metric's value, None where it is n/a. Raises UserError for an unknown one."""
+        """Return the value of a metric; None where it is n/a.
+
+        Args:
+            metric: Name of the metric, such as "mae_mm".
+            group: Name of the group, such as "mean".
+
+        Raises:
+            UserError: The run has no such metric, or not of this group.
+        """
         row = self.record.metric(metric, group)
         if row is None:
             groups = [m.group for m in self.record.metrics if m.metric == metric]
@@ -100,15 +108,15 @@ class Training:
     """A model with trained weights.
 
     Attributes:
-        model: Name with the parameters that are not at their defaults.
-        regime: What it learned from.
-        seed: Of the training.
+        model: Name of the model, with the parameters that are not at their defaults.
+        regime: Name of the training regime.
+        seed: Seed of the training.
         weights: Hash of the weights.
-        reused: Whether they were in the cache.
-        seconds: How long the training took, now or then.
-        epochs: Of the training.
-        presses: That it learned from.
-        folder: Where the weights lie.
+        reused: Whether the weights were in the cache.
+        seconds: Duration of the training, now or earlier, s.
+        epochs: Number of epochs of the training.
+        presses: Number of presses that it learned from.
+        folder: Folder of the weights.
     """
 
     model: str
@@ -127,7 +135,7 @@ class Plan:
     """A run before it is carried out.
 
     Attributes:
-        details: What it is made of, and its identity.
+        details: The parts of the run, and its identity.
         store: Folder of the run store.
     """
 
@@ -136,7 +144,7 @@ class Plan:
 
     @property
     def name(self) -> str:
-        """The name that the run has, or will have, in its store."""
+        """The name that the run has or will have in its store."""
         return self.details.name
 
     @property
@@ -145,12 +153,16 @@ class Plan:
         return (self.store / self.name / RECORD).is_file()
 
     def lines(self, *, fresh: bool = False) -> list[str]:
-        """Return what will be generated, trained and taken from the cache, line by line."""
+        """Return what will be generated, trained and taken from the cache, line by line.
+
+        Args:
+            fresh: Whether to predict, time and score again, even if the run is stored.
+        """
         from tactibench.run.plan import plan_lines
 
         stored = self.stored and not fresh
-        kept = not fresh and unscored_run(self.store, self.name) is not None
-        return plan_lines(self.details, stored, answered=kept)
+        answered = not fresh and unscored_run(self.store, self.name) is not None
+        return plan_lines(self.details, stored, answered=answered)
 
     def check(self) -> None:
         """Raise UserError for metrics that do not exist or do not fit, before any work."""
@@ -159,14 +171,14 @@ class Plan:
         check_metrics(self.details.protocol)
 
     def carry_out(self, *, fresh: bool = False, progress: Reporter | bool = True) -> Run:
-        """Return the run: from the store, or carried out and stored.
+        """Return the run from the store, or carry it out, store it and return it.
 
         Args:
-            fresh: Predict, time and score again, even if it is stored.
-            progress: Whether to show progress on stderr, or what shows it.
+            fresh: Whether to predict, time and score again, even if the run is stored.
+            progress: Whether to show progress on stderr, or a reporter that shows it.
 
         Raises:
-            UserError: The model, the sensor or the protocol cannot do what was asked.
+            UserError: The model, the sensor or the protocol cannot do what the plan needs.
         """
         if self.stored and not fresh:
             return load_run(self.name, self.store)
@@ -176,10 +188,10 @@ class Plan:
         return Run(done.folder, done.record)
 
     def train(self, *, progress: Reporter | bool = True) -> Training:
-        """Train the model, or find its weights in the cache; test nothing.
+        """Train the model, or find its weights in the cache, without a test.
 
         Args:
-            progress: Whether to show progress on stderr, or what shows it.
+            progress: Whether to show progress on stderr, or a reporter that shows it.
         """
         from tactibench.run.train import train_model
 
@@ -221,20 +233,22 @@ def plan(
     Args:
         protocol: Name of a protocol, such as "exp2", or its .toml file.
         model: Name of a model; "mean" and "nearest" are baselines.
-        regime: Frames handed to training; None: the protocol's first.
-        sensor: Sensor that makes the frames; None: the protocol's.
-        encoder: Heatmap encoder, for models that use one.
+        regime: Name of the training regime, which determines the training frames; None for the
+            protocol's first.
+        sensor: Name of the sensor that makes the frames; None for the protocol's.
+        encoder: Name of the heatmap encoder, for models that use one.
         data: Folder of recorded frames.
-        seed: Of training.
+        seed: Seed of the training.
         device: "auto", "cpu" or "cuda".
-        params: Parameters, as {"model.width": 32}, or as texts "model.width=32".
-        quick: 200 presses, 2 epochs, 40 tests: only proves the path.
-        limit: Score at most this many test presses.
-        presses: Learn from so many presses only, for a learning curve.
-        test: What is tested on, where it is not what is trained on: "reference",
+        params: Parameters, as {"model.width": 32} or as texts "model.width=32".
+        quick: Whether to run with 200 presses, 2 epochs and 40 tests, to prove only that it works.
+        limit: Most test presses that are scored.
+        presses: Number of presses to learn from, for a learning curve; None for all.
+        test: Sensor and presses of the test, where they are not those of the training: "reference",
             "sensor.instance=1", "shots=50", "data=FOLDER".
-        hidden_seed: Test on presses drawn from the secret seed in TACTIBENCH_HIDDEN_SEED.
-        published: Released answers to the test frames.
+        hidden_seed: Whether to test on presses drawn from the secret seed in
+            TACTIBENCH_HIDDEN_SEED.
+        published: File of published answers to the test frames.
         store: Folder of the run store.
 
     Raises:
@@ -281,9 +295,9 @@ def run(
     Args:
         protocol: Name of a protocol, such as "exp2", or its .toml file.
         model: Name of a model.
-        fresh: Predict, time and score again, even if it is stored.
-        progress: Whether to show progress on stderr, or what shows it.
-        **options: Those of ``plan``: regime, sensor, seed, params, quick, store and so on.
+        fresh: Whether to predict, time and score again, even if the run is stored.
+        progress: Whether to show progress on stderr, or a reporter that shows it.
+        **options: Options of ``plan``: regime, sensor, seed, params, quick, store and so on.
 
     Raises:
         UserError: Something does not exist or does not fit, or the model answers something else
@@ -293,22 +307,30 @@ def run(
 
 
 def load_run(name: str | Path, store: str | Path = STORE) -> Run:
-    """Return a stored run by its name, its folder or its record file. Raises UserError."""
+    """Return a stored run.
+
+    Args:
+        name: Name of the run, its folder, or its record file.
+        store: Folder of the run store.
+
+    Raises:
+        UserError: There is no such run, or its record cannot be read.
+    """
     stored = open_run(Path(store), str(name))
     return Run(stored.folder, stored.record)
 
 
 def load_runs(store: str | Path = STORE, *, protocol: str | None = None) -> pd.DataFrame:
-    """Return every metric of every run of a store, a row a number.
+    """Return every metric of every run of a store, a row for each number.
 
     Args:
         store: Folder of the run store.
-        protocol: Only runs of this protocol, such as "exp1".
+        protocol: Id of the protocol whose runs are returned, such as "exp1"; None for all runs.
 
     Returns:
-        Columns run, protocol, version, model, encoder, regime, sensor, seed, presses, partial and
-        created, then metric, group, value, low, high, n, clusters, unit, better and censored.
-        Runs that cannot be read are left out.
+        A frame with the columns run, protocol, version, model, encoder, regime, sensor, seed,
+        presses, partial and created, then metric, group, value, low, high, n, clusters, unit,
+        better and censored. Runs that cannot be read are left out.
     """
     rows: list[dict[str, Any]] = []
     for stored in stored_runs(Path(store)):
@@ -333,16 +355,16 @@ def load_runs(store: str | Path = STORE, *, protocol: str | None = None) -> pd.D
 
 
 def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
-    """Return the figures of a board, a row a number, seeds pooled.
+    """Return the numbers of a board, a row for each number, with seeds pooled.
 
     Args:
         protocol: Name of the protocol.
         board: Folder of the leaderboards.
 
     Returns:
-        Columns protocol, sensor, model, encoder, regime, prior, mixing, seeds, metric, group,
-        value, unit, low, high, sd, clusters, censored and rank, which is that of the row on the
-        board.
+        A frame with the columns protocol, sensor, model, encoder, regime, prior, mixing, seeds,
+        metric, group, value, unit, low, high, sd, clusters, censored and rank, which is the rank of
+        the row on the board.
 
     Raises:
         UserError: There is no board or no such protocol, or a record cannot be read.
@@ -360,8 +382,8 @@ class Score:
     """A stored run that was scored again.
 
     Attributes:
-        run: With the metrics as they are now.
-        differences: A sentence for each row that is not exactly equal to the stored one.
+        run: The run with its new metrics.
+        differences: A sentence for each row that is not exactly equal to the stored row.
         completed: Whether the answers had no score before; the run is now in the store.
     """
 
@@ -373,14 +395,15 @@ class Score:
 def score(name: str | Path | Run, store: str | Path = STORE) -> Score:
     """Score the stored answers of a run again, without model or sensor.
 
-    Answers that could not be scored when they were made are scored, and their run is stored.
+    If the answers could not be scored when they were made, they are scored and their run is stored.
 
     Args:
         name: The run, its name, or its folder.
         store: Folder of the run store.
 
     Raises:
-        UserError: There is no such run, or it was made with another version of the protocol.
+        UserError: There is no such run, its protocol is not installed in the same version, or its
+            answers cannot be scored.
     """
     from tactibench.run.score import metric_differences, protocol_of, rescore, score_answers
 
@@ -398,8 +421,8 @@ class Comparisons:
     """Runs compared press by press.
 
     Attributes:
-        runs: That were compared.
-        pairs: The comparison of every two.
+        runs: The runs that were compared.
+        pairs: The comparison of every two runs.
     """
 
     runs: tuple[StoredRun, ...]
@@ -407,14 +430,14 @@ class Comparisons:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """A mapping a number, as ``tactibench compare --json`` writes them."""
+        """A mapping for each number, as ``tactibench compare --json`` writes them."""
         from tactibench.board.compare import rows_of
 
         return rows_of(self.runs, self.pairs)
 
     @property
     def frame(self) -> pd.DataFrame:
-        """The same as a data frame: ``value`` is the first run minus the second."""
+        """The rows as a data frame: ``value`` is the first run minus the second."""
         return _frame(self.rows)
 
 
@@ -425,11 +448,12 @@ def compare(
 
     Args:
         *runs: Two or more runs, their names, or their folders.
-        distances: Also at every true distance of the tips.
+        distances: Whether to compare also at every true distance of the tips.
         store: Folder of the run store.
 
     Raises:
-        UserError: Fewer than two runs, or runs that did not answer the same frames.
+        UserError: There are fewer than two runs, a run does not exist, or they did not answer the
+            same frames.
     """
     from tactibench.board.compare import compare_runs
 
@@ -447,7 +471,8 @@ def place(run: StoredRun, board: str | Path = BOARD) -> Placement | None:
         board: Folder of the leaderboards.
 
     Returns:
-        Rank, number of rows and the next better row; None where nothing can be compared.
+        The placement: rank, number of rows and the next better row. None where there is nothing to
+        compare with.
     """
     from tactibench.board.placement import place_run
 
@@ -466,17 +491,19 @@ class Plot:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """The numbers, a row a point."""
+        """The numbers, a row for each point."""
         return _frame(self.data.rows)
 
     @cached_property
     def figure(self) -> Figure:
-        """The figure of matplotlib, drawn when it is first asked for."""
+        """The matplotlib figure, drawn at its first use."""
         return self.data.draw()
 
     @cached_property
     def detail(self) -> Figure | None:
-        """The error case by case, a panel a family; None for another kind than "stability".
+        """A figure of the error case by case, a panel for each family.
+
+        It is None for other kinds than "stability".
 
         Raises:
             UserError: There are too many rows for one panel.
@@ -484,7 +511,11 @@ class Plot:
         return None if self.data.draw_detail is None else self.data.draw_detail()
 
     def save(self, path: str | Path) -> Path:
-        """Write the figure as a PNG file and return its path. Raises UserError for another name."""
+        """Write the figure as a PNG file and return its path.
+
+        Raises:
+            UserError: The name of the file does not end in .png.
+        """
         from tactibench.report.plots.style import save_png
 
         if Path(path).suffix.lower() != ".png":
@@ -511,11 +542,12 @@ def plot(
             "stability" (where errors double on hard cases).
         protocol: Name of the protocol.
         board: Folder of the leaderboards.
-        store: Take the complete runs of this store, too.
-        sensor: Such as "tactip-127, instance=1"; None: the nominal one.
-        machine: Frontier: fingerprint of the machine; None: that of most runs.
-        new_sensor: Curve: against the labelled presses of an instance that no training saw.
-        rows: Stability: only these rows, in this order.
+        store: Folder of a run store whose complete runs are added; None for none.
+        sensor: Sensor, such as "tactip-127, instance=1"; None for the nominal one.
+        machine: For "frontier": fingerprint of the machine; None for that of most runs.
+        new_sensor: For "curve": whether the error is drawn against the labelled presses of an
+            instance that no training saw.
+        rows: For "stability": the only rows that are drawn, in this order; () for all.
 
     Raises:
         UserError: There is nothing to draw, or no such kind, protocol or sensor.
@@ -549,17 +581,18 @@ def plot_limit(
     """Return the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
 
     Args:
-        sensor: Name of a sensor that knows what limits its frames.
+        sensor: Name of a sensor that knows the Cramer-Rao bound.
         params: Parameters of the sensor, as {"read_noise": 6}.
         scene: "single" or "dual": one tip, or two.
-        depths: Of the presses, mm.
-        spacing: Of two tips, mm; None: 7.
-        yaw: Of two tips, degrees; None: 0.
-        radius: Of the tips, mm.
-        reach: Half side of the workspace, mm.
-        step: Between the presses, mm.
-        nuisances: Properties of the camera that are unknown, too, such as "shift"; ("all",): all.
-        progress: Whether to show progress on stderr, or what shows it.
+        depths: Depths of the presses, mm.
+        spacing: Spacing of two tips, mm; None for 7.
+        yaw: Yaw of two tips, degrees; None for 0.
+        radius: Radius of the tips, mm.
+        reach: Half the side of the workspace, mm.
+        step: Distance of neighbouring presses, mm.
+        nuisances: Properties of the camera that are unknown, too, such as "shift"; ("all",) for
+            all.
+        progress: Whether to show progress on stderr, or a reporter that shows it.
 
     Raises:
         UserError: Something does not exist or does not fit, or the sensor knows no bound.
@@ -583,7 +616,7 @@ def _frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def _reporter(progress: Reporter | bool) -> Reporter:
-    """Return what shows progress: as asked, on stderr, or nothing."""
+    """Return the given reporter, or for True and False one that shows progress or nothing."""
     if not isinstance(progress, bool):
         return progress
     from rich.console import Console

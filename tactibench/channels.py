@@ -12,7 +12,7 @@ from tactibench.errors import UserError
 
 
 def holds_channels(frames: Sequence[Frame]) -> bool:
-    """Return whether training frames are float32 channels rather than images; they are alike."""
+    """Return whether training frames, all of one kind, are float32 channels rather than images."""
     return bool(frames) and frames[0].signal.dtype == np.float32
 
 
@@ -22,13 +22,15 @@ def channel_vectors(
     """Return the channels of N frames, (N, C) float32; an array of taxels is laid out in a row.
 
     Args:
-        frames: of one sensor.
-        minus_rest: whether the channels of the undeformed sensor are taken off.
-        count: C of the frames that a model was trained on; None: these are the ones.
+        frames: Frames of one sensor.
+        minus_rest: Whether the channels of the undeformed sensor are subtracted.
+        count: C of the frames that a model was trained on; None where these are the training
+            frames.
 
     Raises:
-        UserError: A frame has other channels than the first or than those of the training, holds
-            NaN or infinity, or has no rest frame where one is needed.
+        UserError: A frame has channels of another shape than the first frame or another number than
+            those of the training, holds NaN or infinity, or has no rest frame of its shape where
+            one is needed.
     """
     rows = []
     if count is not None and frames and frames[0].signal.size != count:

@@ -44,7 +44,7 @@ class Contacts:
         std: (N, 3) the model's own 1-sigma of x, y and depth, mm.
 
     Raises:
-        ValueError: For shapes that do not fit, values that are not finite, scores outside 0..1.
+        ValueError: Shapes do not fit, a value is not finite, or a score lies outside 0..1.
     """
 
     xy: FloatArray
@@ -117,6 +117,9 @@ class Indenter:
         offsets: One (dx, dy, dz) per tip, mm, in the indenter's own frame; a larger dz reaches
             further towards the sensor.
         name: Name of the kind, such as "dual".
+
+    Raises:
+        ValueError: The radius is not positive, there is no tip, or an offset is not finite.
     """
 
     radius: float
@@ -173,12 +176,12 @@ class Pose:
         x: Place of its axis, mm.
         y: Place of its axis, mm.
         yaw: Turn about z, deg.
-        tilt: Angle against z, deg.
+        tilt: Angle to z, deg.
         depth: Travel past the indenter's first touch, mm: the tip that touches first has this
             depth, the others less. A plate's depth is measured along its own normal.
-        dx: Way that it went along x after first touch, to the place where it is, mm.
-        dy: Likewise along y, mm.
-        dyaw: Likewise the turn about z, deg.
+        dx: Travel along x after first touch, to its present place, mm.
+        dy: Travel along y after first touch, mm.
+        dyaw: Turn about z after first touch, deg.
     """
 
     x: float = 0.0
@@ -192,7 +195,7 @@ class Pose:
 
     @property
     def moved(self) -> bool:
-        """True where it went sideways after first touch and so may have dragged the skin."""
+        """True where it moved sideways after first touch and so may have dragged the skin."""
         return self.dx != 0.0 or self.dy != 0.0 or self.dyaw != 0.0
 
 
@@ -206,13 +209,13 @@ class Scene:
 
 @dataclass(frozen=True)
 class Workspace:
-    """The range in which a sensor can be pressed: the box of every tip of every press, mm.
+    """The range in which a sensor can be pressed: the box of every tip of every press.
 
     Attributes:
-        half_width_mm: Largest x and y, either way.
-        depth_min_mm: Smallest depth of a tip.
-        depth_max_mm: Largest depth of a tip.
-        dome_radius_mm: Radius of the touched surface, inf where it is flat.
+        half_width_mm: Largest x and y in either direction, mm.
+        depth_min_mm: Smallest depth of a tip, mm.
+        depth_max_mm: Largest depth of a tip, mm.
+        dome_radius_mm: Radius of the touched surface, mm; inf where it is flat.
     """
 
     half_width_mm: float
@@ -240,7 +243,7 @@ class Frame:
         timestamp: Monotonic time, s.
         pose: Pose that the indenter actually reached.
         rest: Signal of the undeformed sensor, of the same shape, if there is one. Where presses are
-            spread over several sensor instances it is that of the press's own.
+            spread over several sensor instances, it is that of the instance that was pressed.
     """
 
     signal: Signal
@@ -250,12 +253,20 @@ class Frame:
 
     @property
     def image(self) -> npt.NDArray[np.uint8]:
-        """The signal of a camera. Raises UserError where the sensor has none."""
+        """The signal as an image.
+
+        Raises:
+            UserError: The sensor has no camera.
+        """
         return _as_image(self.signal)
 
     @property
     def rest_image(self) -> npt.NDArray[np.uint8] | None:
-        """The rest signal of a camera, if there is one. Raises UserError as ``image``."""
+        """The rest signal as an image, if there is one.
+
+        Raises:
+            UserError: The sensor has no camera.
+        """
         return None if self.rest is None else _as_image(self.rest)
 
 
@@ -297,13 +308,13 @@ class Grid:
         )
 
     def xy(self, row: npt.ArrayLike, column: npt.ArrayLike) -> FloatArray:
-        """Return (..., 2) mm of (fractional) cell indices."""
+        """Return the places of cell indices, which may be fractional, (..., 2) mm."""
         x = self.origin[0] + self.pitch * np.asarray(column, dtype=np.float64)
         y = self.origin[1] + self.pitch * np.asarray(row, dtype=np.float64)
         return np.stack([x, y], axis=-1)
 
     def cells(self, xy: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the fractional (row, column) of (..., 2) mm. Nothing is rounded."""
+        """Return the fractional (row, column) of places (..., 2) mm; they are not rounded."""
         points: FloatArray = np.asarray(xy, dtype=np.float64)
         row = np.asarray((points[..., 1] - self.origin[1]) / self.pitch, dtype=np.float64)
         column = np.asarray((points[..., 0] - self.origin[0]) / self.pitch, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The exception that reaches a user as one sentence, and helpers to write such sentences."""
+"""The exception that users see as one sentence, and helpers to write such sentences."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class UserError(Exception):
 
 
 class PluginError(Exception):
-    """A call into a plugin that raised; the message is one line, the cause is the exception."""
+    """A call into a plugin raised; the message is one line, and the cause is the exception."""
 
 
 class Interruption(KeyboardInterrupt):
-    """Ctrl-C of the user; a plugin that raises KeyboardInterrupt by itself raises another class."""
+    """Ctrl-C of the user, as a class of its own: a plugin may raise KeyboardInterrupt itself."""
 
 
 class NotFiniteError(ValueError):
@@ -43,7 +43,7 @@ def is_full(error: OSError) -> bool:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: the close match, or all known names."""
     names = sorted(known)
-    by_letters = {one.lower(): one for one in names}  # EXP1 is nearer to exp1 than to any other
+    by_letters = {text.lower(): text for text in names}  # EXP1 is nearer to exp1 than to others
     close = difflib.get_close_matches(name.lower(), by_letters, n=1, cutoff=0.5)
     if close:
         return f"did you mean {by_letters[close[0]]!r}?"
@@ -51,20 +51,20 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def printable(text: str, keep: str = "") -> str:
-    """Return a text that only shows itself: control characters as escapes (ESC: ``\\x1b``).
+    """Return a text with control characters as escapes (ESC: ``\\x1b``), safe to print.
 
-    A terminal obeys such characters, so that a name in a file, a record or a plugin could clear the
-    screen or move the cursor. Marks that turn the direction of writing count as well.
+    A terminal obeys such characters, so a name in a file, a record or a plugin could clear the
+    screen or move the cursor. Marks that change the direction of writing are escaped as well.
 
     Args:
-        text: Anybody's.
-        keep: Control characters that stay, such as the line breaks of a whole page.
+        text: Text from any source.
+        keep: Control characters that stay, such as the line breaks of a page.
     """
     return text if text.isprintable() else "".join(_escape(sign, keep) for sign in text)
 
 
 def _escape(sign: str, keep: str) -> str:
-    """Return a sign of one of Unicode's categories "other" (C) or "line" (Zl, Zp) as an escape."""
+    """Return a sign, as an escape if Unicode's category is "other" (C) or "line" (Zl, Zp)."""
     category = unicodedata.category(sign)
     hidden = sign not in keep and (category.startswith("C") or category in ("Zl", "Zp"))
     return sign.encode("unicode_escape").decode("ascii") if hidden else sign
@@ -74,7 +74,7 @@ def describe_exception(error: BaseException) -> str:
     """Return type and message of an exception on one line, cut after 300 characters."""
     try:
         text = printable(" ".join(str(error).split()))
-    except Exception as own:  # noqa: BLE001 - its class is a plugin's, too
+    except Exception as own:  # noqa: BLE001 - its class may be a plugin's
         text = f"its message cannot be read ({type(own).__name__})"
     if len(text) > LONGEST_MESSAGE:
         text = f"{text[: LONGEST_MESSAGE - 1]}…"
@@ -97,12 +97,12 @@ def is_interruption(error: BaseException) -> bool:
 
 
 def call_plugin(function: Callable[[], T]) -> T:
-    """Return what a function of a plugin returns.
+    """Call a function of a plugin and return its result.
 
     Raises:
-        PluginError: For whatever it raises, SystemExit, its own KeyboardInterrupt and other bare
-            BaseExceptions included (bindings to other languages raise such). Only the user's
-            Ctrl-C passes, see ``is_interruption``.
+        PluginError: The function raises any exception, SystemExit, its own KeyboardInterrupt and
+            other bare BaseExceptions included (bindings to other languages raise such exceptions).
+            Only the user's Ctrl-C passes, see ``is_interruption``.
     """
     try:
         return function()

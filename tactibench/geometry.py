@@ -15,6 +15,7 @@ from tactibench.contacts import Contacts, FloatArray, Indenter, PlatePose, Pose,
 from tactibench.errors import UserError
 
 DOME_RADIUS_MM = 20.0
+"""Radius of the nominal dome."""
 
 
 def tip_positions(scene: Scene) -> FloatArray:
@@ -29,8 +30,8 @@ def tip_positions(scene: Scene) -> FloatArray:
 def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
     """Return the (K,) travel of every tip past its own first touch, mm.
 
-    Zero or less: the tip does not touch. Tips whose axis passes beside the dome (rho >= R_d + R)
-    get minus infinity. A plate has one "tip", which is as deep as its pose.
+    Where it is zero or less, the tip does not touch. Tips whose axis passes beside the dome
+    (rho >= R_d + R) get minus infinity. A plate has one "tip" with the depth of its pose.
     """
     if scene.indenter.is_plate:
         return np.array([scene.pose.depth])
@@ -56,15 +57,16 @@ def _first_touch(scene: Scene, dome_radius: float) -> FloatArray:
 def scene_of_contacts(
     xy: FloatArray, depth: FloatArray, radius: float, dome_radius: float = DOME_RADIUS_MM
 ) -> Scene:
-    """Return the press by one holder of K tips whose contacts are these: ``true_contacts`` back.
+    """Return the press by one holder of K tips that has given contacts.
 
-    The lowest tip has height 0; two tips lie along the holder's x axis.
+    ``true_contacts`` of this press are the given contacts. The lowest tip has height 0; two tips
+    lie along the holder's x axis.
 
     Args:
         xy: (K, 2) axis of every tip, mm.
         depth: (K,) travel of every tip past its own first touch, mm.
-        radius: Of every tip, mm.
-        dome_radius: Of the surface, mm.
+        radius: Radius of every tip, mm.
+        dome_radius: Radius of the surface, mm.
 
     Raises:
         ValueError: A contact lies beside the dome.
@@ -96,12 +98,12 @@ def scene_of_contacts(
 
 
 def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:
-    """Return the contacts of a scene; a tip that never touches is none.
+    """Return the contacts of a scene; a tip that does not touch has no contact.
 
     A plate touches at ``dome_radius * sin(tilt)`` along its tilt axis with the depth of the pose.
 
     Raises:
-        UserError: For a plate on a flat pad, which it touches everywhere.
+        UserError: The indenter is a plate and the surface a flat pad, which it touches everywhere.
     """
     if scene.indenter.is_plate:
         xy = plate_contact_xy(scene, dome_radius)
@@ -115,7 +117,7 @@ def plate_contact_xy(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> tuple
     """Return (x, y) mm where a tilted plate meets the dome: dome_radius * sin(tilt) along the yaw.
 
     Raises:
-        UserError: For a flat pad.
+        UserError: The surface is a flat pad.
     """
     _refuse_flat(dome_radius)
     offset = dome_radius * math.sin(math.radians(scene.pose.tilt))
@@ -131,10 +133,10 @@ def plate_pose(scene: Scene) -> PlatePose:
 def plate_from_contacts(
     contacts: Contacts, dome_radius: float = DOME_RADIUS_MM
 ) -> PlatePose | None:
-    """Return the plate of the best contact: tilt = asin(x / dome_radius). None without a contact.
+    """Return the plate of the best contact: tilt = asin(x / dome_radius); None without a contact.
 
     Raises:
-        UserError: For a flat pad.
+        UserError: The surface is a flat pad.
     """
     _refuse_flat(dome_radius)
     if not len(contacts):

@@ -1,4 +1,4 @@
-"""Frames into the arrays that models compute with."""
+"""Conversion of frames to the arrays that models compute with."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tactibench.contacts import Frame
 from tactibench.errors import UserError
 
 _COLOURS = (1, 3, 4)
-"""Channels of an image: grey, RGB, RGB with an alpha channel that is ignored."""
+"""Numbers of channels of an image: grey, RGB, RGB with an alpha channel that is ignored."""
 _ALMOST_BLACK = 2.0
-"""A float image whose largest value lies between 1 and this may be on either scale."""
+"""A float image whose largest value lies between 1 and this value may be on either scale."""
 
 
 def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
@@ -29,8 +29,9 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
         size: Height and width of the result, pixels.
 
     Raises:
-        UserError: An image is anything else, holds NaN or infinity, or is no view of what its rest
-            frame shows: their sides have another ratio.
+        UserError: An image has another shape, type or range of values, holds NaN or infinity, or
+            its sides have another ratio than those of its rest frame, so that it shows another
+            view.
     """
     out = np.empty((len(frames), size, size), dtype=np.uint8)
     for number, (row, frame) in enumerate(zip(out, frames, strict=True), 1):
@@ -53,7 +54,7 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
 
 
 def gray(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Return (H, W) of (H, W) or RGB (H, W, 3) uint8, weighted as in ITU-R BT.601."""
+    """Return an (H, W) or RGB (H, W, 3) uint8 image in grey, (H, W), weighted as in BT.601."""
     import cv2
 
     if image.ndim == 2:
@@ -62,7 +63,7 @@ def gray(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 def resized(image: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
-    """Return (H, W) uint8 in another shape: area averaging, linear where a side grows."""
+    """Return an (H, W) uint8 image in another shape, by area averaging, or linear to enlarge it."""
     import cv2
 
     if image.shape == shape:
@@ -73,13 +74,13 @@ def resized(image: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray
 
 
 def _sides(image: npt.NDArray[Any]) -> tuple[int, int]:
-    """Return height and width, whichever end the channels stand at."""
+    """Return height and width, with channels first or last."""
     height, width = (*(image.shape[1:] if _channels_first(image) else image.shape), 1, 1)[:2]
     return height, width
 
 
 def _same_ratio(one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Return whether two images may show one view: sides in proportion, but for rounding."""
+    """Return whether two images may show one view: their sides are in proportion up to rounding."""
     return 2 * abs(one[0] * other[1] - one[1] * other[0]) < max(sum(one), sum(other))
 
 
@@ -88,7 +89,11 @@ def _channels_first(image: npt.NDArray[Any]) -> bool:
 
 
 def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return (H, W) or (H, W, 3), whichever end the channels stand at."""
+    """Return an image with channels first or last as (H, W) or (H, W, 3).
+
+    Raises:
+        ValueError: The shape is none of those of an image.
+    """
     if _channels_first(image):
         image = np.moveaxis(image, 0, 2)
     good = image.ndim == 2 or (image.ndim == 3 and image.shape[2] in _COLOURS)
@@ -103,7 +108,11 @@ def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _levels(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """Return brightness as levels 0..255."""
+    """Return an image in levels 0..255.
+
+    Raises:
+        ValueError: The values are of another type or range, or not finite.
+    """
     if image.dtype == np.uint8:
         return image
     if image.dtype == np.bool_:

@@ -1,4 +1,4 @@
-"""Services of the core for plugins that work with devices: presses to make, trained models."""
+"""Services of the core for plugins that work with devices: planned presses and trained models."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def plan_presses(
     Args:
         what: Name or file of a protocol, or a file that ends in .jsonl.
         sensor: The sensor whose surface is pressed.
-        count: Most presses of each set; None takes all.
-        seed: Seed of other presses than the protocol's.
+        count: Most presses of each set; None for all.
+        seed: Seed with which other presses than the protocol's are drawn; None for the protocol's.
 
     Raises:
-        UserError: There is no such protocol or file, or the sensor cannot be pressed so.
+        UserError: There is no such protocol or file, or the sensor cannot be pressed in this way.
     """
     if what.endswith(".jsonl"):
         return plan_of_file(Path(what), seed or 0, count)
@@ -67,10 +67,11 @@ def trained_model(
     sensor: str | None = None,
     untrained: bool = False,
 ) -> tuple[Model, str]:
-    """Return a model with weights from the cache, and the label it goes by.
+    """Return a model with weights from the cache, and its label.
 
     Args:
-        name: Name of the model, or a file of ``tactibench weights export``, which says the rest.
+        name: Name of the model, or a file of ``tactibench weights export``, for which the other
+            arguments are not used.
         protocol: Name or file of the protocol that it was trained on.
         params: Parameters as texts, such as "model.width=32".
         data: Folder of recorded frames that it was trained on.
@@ -79,7 +80,8 @@ def trained_model(
         untrained: Whether to take random weights, to time a model.
 
     Raises:
-        UserError: There are no weights; the sentence says how to train them.
+        UserError: There are no weights (the sentence tells how to train them), or something in the
+            request does not exist or does not fit.
     """
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
@@ -111,15 +113,15 @@ def trained_model(
 def open_weights(
     path: Path, *, sha256: str | None = None, device: str = "auto"
 ) -> tuple[Model, str]:
-    """Return the model of a weights file, ready to answer frames, and the label it goes by.
+    """Return the model of a weights file, ready to answer frames, and its label.
 
     Args:
         path: A file of ``tactibench weights export``.
-        sha256: Of the whole file, as whoever handed it on said; None: it is not compared.
+        sha256: sha256 of the whole file, as its sender stated it; None to compare none.
         device: "auto", "cpu" or "cuda".
 
     Raises:
-        UserError: The file is damaged or another one, or this installation has no such model.
+        UserError: The file is damaged, has another sha256, or this installation has no such model.
     """
     from tactibench.run.weights_file import open_weights as open_file
 

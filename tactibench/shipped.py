@@ -12,7 +12,7 @@ _CHECKOUT = {
 
 
 def shipped_folder(name: str) -> Path:
-    """Folder of ``protocols``, ``published`` tables or hashes of ``hidden`` seeds."""
+    """Return the folder of ``protocols``, ``published`` tables or hashes of ``hidden`` seeds."""
     package = Path(__file__).resolve().parent
     inside = package / "_shipped" / name
     return inside if inside.is_dir() else package.parent / _CHECKOUT[name]
