@@ -154,7 +154,13 @@ class Indenter:
     def triple(
         cls, heights: tuple[float, float, float], side: float = 8.0, radius: float = 3.0
     ) -> Indenter:
-        """Return three tips on an equilateral triangle with the given height inserts, mm."""
+        """Return three tips on an equilateral triangle.
+
+        Args:
+            heights: Height of the insert under each tip, mm.
+            side: Side of the triangle, mm.
+            radius: Radius of every tip, mm.
+        """
         r = side / math.sqrt(3)
         turns = (math.pi / 2 + k * 2 * math.pi / 3 for k in range(3))
         offsets = tuple(
@@ -201,7 +207,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class Scene:
-    """A press: an indenter at a pose. A sensor turns it into a Frame."""
+    """A press: an indenter at a pose. A sensor turns it into a Frame.
+
+    Attributes:
+        indenter: The indenter.
+        pose: The pose of the indenter.
+    """
 
     indenter: Indenter
     pose: Pose
@@ -256,7 +267,7 @@ class Frame:
         """The signal as an image.
 
         Raises:
-            UserError: The sensor has no camera.
+            UserError: The signal is a row of channels and no image.
         """
         return _as_image(self.signal)
 
@@ -265,7 +276,7 @@ class Frame:
         """The rest signal as an image, if there is one.
 
         Raises:
-            UserError: The sensor has no camera.
+            UserError: The rest signal is a row of channels and no image.
         """
         return None if self.rest is None else _as_image(self.rest)
 

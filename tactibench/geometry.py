@@ -32,6 +32,10 @@ def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
 
     Where it is zero or less, the tip does not touch. Tips whose axis passes beside the dome
     (rho >= R_d + R) get minus infinity. A plate has one "tip" with the depth of its pose.
+
+    Args:
+        scene: The press.
+        dome_radius: Radius of the surface, mm; inf for a flat pad.
     """
     if scene.indenter.is_plate:
         return np.array([scene.pose.depth])
@@ -101,6 +105,10 @@ def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts
     """Return the contacts of a scene; a tip that does not touch has no contact.
 
     A plate touches at ``dome_radius * sin(tilt)`` along its tilt axis with the depth of the pose.
+
+    Args:
+        scene: The press.
+        dome_radius: Radius of the surface, mm; inf for a flat pad.
 
     Raises:
         UserError: The indenter is a plate and the surface a flat pad, which it touches everywhere.

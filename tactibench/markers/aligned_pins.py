@@ -184,9 +184,9 @@ class AlignedPins:
             moved: (N, 2 P) displacements, px of the layout.
         """
         places = self._rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
-        own = np.repeat(self.pins.rest[None], len(moved), axis=0)
-        own[:, self._own[self._there]] = self.view(places)[:, self._there]
-        return own
+        xy = np.repeat(self.pins.rest[None], len(moved), axis=0)
+        xy[:, self._own[self._there]] = self.view(places)[:, self._there]
+        return xy
 
     def in_layout_order(self, values: Array) -> Array:
         """Return values (N, P') of the sensor's pins in the order of the layout, (N, P).

@@ -162,6 +162,15 @@ def measure_blobs(image, dark, binary, run, count, blobs, out):  # type: ignore[
     """Set out (B, 3) to centroid x, y, px, and area, px, of every blob.
 
     Centroids are weighted by the light over the dark level, or evenly in a binary frame.
+
+    Args:
+        image: (H, W) grey levels.
+        dark: Mean level of dark pixels.
+        binary: Whether the frame is black and white.
+        run: Runs of bright pixels, as ``find_runs`` sets them.
+        count: Number of runs.
+        blobs: Number of blobs.
+        out: (B, 3), set to the result.
     """
     weight = np.zeros(blobs)
     out[:blobs] = 0.0
@@ -187,7 +196,12 @@ def measure_blobs(image, dark, binary, run, count, blobs, out):  # type: ignore[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def usual_area(out, blobs):  # type: ignore[no-untyped-def]
-    """Return the median area of blobs that are no specks, px; specks may outnumber the markers."""
+    """Return the median area of blobs that are no specks, px; specks may outnumber the markers.
+
+    Args:
+        out: (B, 3) centroid x, y, px, and area, px, of every blob.
+        blobs: Number of blobs.
+    """
     if blobs == 0:
         return 0.0
     area = out[:blobs, 2].copy()

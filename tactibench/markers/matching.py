@@ -197,9 +197,9 @@ def _grow(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-
             place[p, 0], place[p, 1] = blobs[which[p], 0], blobs[which[p], 1]
     for _ in range(DOUBTS):
         matched = grow_matches(layout, blobs, which, owner, place, grid)
-        taken = _unmatch_doubtful(layout, which, owner, place)
-        matched -= taken
-        if not taken:
+        doubtful = _unmatch_doubtful(layout, which, owner, place)
+        matched -= doubtful
+        if not doubtful:
             break
     return matched
 

@@ -88,7 +88,12 @@ class CurveFits:
         return np.asarray(at[:, :1] + np.exp(at[:, 1:2]) * self.offset)
 
     def deviance(self, hits: FloatArray, at: FloatArray) -> FloatArray:
-        """Return (B,) deviances of (B, K) hits from curves (B, 3)."""
+        """Return the deviances of tables of counts from curves, (B,).
+
+        Args:
+            hits: (B, K) resolved pairs.
+            at: (B, 3) parameters of the curves.
+        """
         eta, lapse = self.eta(at), at[:, 2, None]
         hit, miss = np.log1p(-lapse) + log_expit(eta), np.log1p(-lapse) + log_expit(-eta)
         with np.errstate(divide="ignore"):

@@ -84,7 +84,13 @@ def match(
 
 
 def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gate: float) -> Pairs:
-    """Return the pairs of all trials in one table, matched with a gate in mm."""
+    """Return the pairs of all trials in one table.
+
+    Args:
+        truth: True contacts of every trial.
+        predictions: Predicted contacts of every trial.
+        gate: Distance from which on two contacts are no pair, mm; inf for none.
+    """
     matches = [match(t.xy, p.xy, gate) for t, p in zip(truth, predictions, strict=True)]
     rows = _join([f[0] for f in matches]).astype(np.intp)
     columns = _join([f[1] for f in matches]).astype(np.intp)

@@ -98,7 +98,7 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     spec = protocol.spec
     kind = "plates" if spec.answer == "plate" else "contacts"
     keys = [("metrics.names", spec.metrics.names)]
-    keys += [(f"metrics of test.apart {one.name!r}", one.metrics) for one in spec.test.apart]
+    keys += [(f"metrics of test.apart {test.name!r}", test.metrics) for test in spec.test.apart]
     for key, name in ((key, name) for key, names in keys for name in names):
         if name in FAMILIES and getattr(find_metric(name), kind) is not None:
             continue

@@ -114,7 +114,7 @@ class LatencySample:
 
     @property
     def quiet(self) -> bool:
-        """Return whether other work did not disturb the times; False where it is not known."""
+        """Return whether no other work disturbed the times, as far as this can be known."""
         if self.cpu_ms is None:
             return False
         wall, load = float(self.raw_ms.sum()), self.load

@@ -148,7 +148,13 @@ def machine_load(
     sleep: Callable[[float], None] = time.sleep,
     counter: Counter = counters,
 ) -> Load:
-    """Return the load of the machine while this process waits for some seconds."""
+    """Return the load of the machine while this process waits.
+
+    Args:
+        seconds: Time to wait, s.
+        sleep: Function that waits.
+        counter: Function that returns the present counters.
+    """
     before = counter()
     sleep(seconds)
     return load_between(before, counter())

@@ -175,7 +175,14 @@ def _poses(
 
 
 def read_columns(path: Path, names: Sequence[str]) -> npt.NDArray[np.float64]:
-    """Return the columns of a CSV file, (N, len(names)); a cell is a number or ``tensor(number)``.
+    """Return columns of numbers from a CSV file.
+
+    Args:
+        path: The file. A cell is a number or ``tensor(number)``.
+        names: Names of C columns.
+
+    Returns:
+        (N, C) numbers.
 
     Raises:
         UserError: The file has no rows, or a cell of the columns holds no finite number.

@@ -59,7 +59,12 @@ def _one_instance(sensor: Sensor) -> Sensor:
 
 
 def describe_target(tested: Sensor, options: TestOptions) -> str:
-    """Return words for the tested sensor, such as "another individual (instance=1)"."""
+    """Return words for the tested sensor, such as "another individual (instance=1)".
+
+    Args:
+        tested: The sensor that presses the test scenes.
+        options: The options of ``--test``.
+    """
     if not replace(options, shots=0):
         return "the nominal sensor"
     values = [f"{name}={tested.values[name]}" for name in options.parameters]

@@ -58,7 +58,13 @@ def r_squared(
 
 
 def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> FloatArray:
-    """Return how often each cluster is drawn with replacement, (resamples, clusters)."""
+    """Return how often each cluster is drawn with replacement, (resamples, clusters).
+
+    Args:
+        clusters: Number of clusters.
+        resamples: Number of resamples.
+        rng: Random numbers of the draws.
+    """
     drawn = rng.integers(clusters, size=(resamples, clusters))
     drawn += clusters * np.arange(resamples)[:, None]
     counts = np.bincount(drawn.ravel(), minlength=resamples * clusters)
@@ -68,7 +74,14 @@ def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> 
 def bootstrap_values(
     statistic: Statistic, clusters: int, resamples: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Return the (resamples,) values of the statistic over resampled clusters."""
+    """Return the (resamples,) values of the statistic over resampled clusters.
+
+    Args:
+        statistic: Function from (B, G) weights of clusters to (B,) values.
+        clusters: Number of clusters G.
+        resamples: Number of resamples.
+        rng: Random numbers of the bootstrap.
+    """
     rows = max(1, BLOCK // clusters)
     sizes = [min(rows, resamples - start) for start in range(0, resamples, rows)]
     return np.concatenate([statistic(cluster_weights(clusters, s, rng)) for s in sizes])

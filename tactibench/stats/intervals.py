@@ -114,14 +114,27 @@ def ratio_interval(
 def mean_interval(
     values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95, floor: float = -math.inf
 ) -> Estimate:
-    """Return the mean of (n,) values with a clustered t interval, cut off below ``floor``."""
+    """Return the mean with a clustered t interval.
+
+    Args:
+        values: (n,).
+        clusters: (n,) press ids.
+        level: Level of the interval.
+        floor: Value at which the interval is cut off below.
+    """
     return ratio_interval(values, np.ones(np.shape(values)), clusters, level=level, floor=floor)
 
 
 def positive_mean_interval(
     values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95
 ) -> Estimate:
-    """Return the mean of values that cannot be negative; its interval does not reach below 0."""
+    """Return the mean of values that cannot be negative; its interval does not reach below 0.
+
+    Args:
+        values: (n,), such as absolute errors.
+        clusters: (n,) press ids.
+        level: Level of the interval.
+    """
     return mean_interval(values, clusters, level=level, floor=0.0)
 
 
@@ -137,7 +150,13 @@ def root(square: Estimate) -> Estimate:
 
 
 def rms_interval(squares: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
-    """Return sqrt(mean(squares)) of squared errors, with the root of the mean square's interval."""
+    """Return sqrt(mean(squares)), with the root of the mean square's interval.
+
+    Args:
+        squares: (n,) squared errors.
+        clusters: (n,) press ids.
+        level: Level of the interval.
+    """
     return root(positive_mean_interval(squares, clusters, level=level))
 
 
@@ -146,6 +165,10 @@ def effective_size(hits: npt.ArrayLike, clusters: Labels) -> float:
 
     It is p (1 - p) / var, at most n. With p = 0 or 1 the data say nothing about the correlation
     inside a press, so a press counts once.
+
+    Args:
+        hits: (n,) 0 or 1.
+        clusters: (n,) press ids.
     """
     share, variance, count = clustered_variance(hits, np.ones(np.shape(hits)), clusters)
     if not 0 < share < 1 or count < 2:
@@ -190,6 +213,11 @@ def rate_interval(counts: npt.ArrayLike, clusters: Labels, *, level: float = 0.9
 
     With no event in G presses the upper limit is the exact one of a Poisson distribution,
     -log((1 - level) / 2) / G.
+
+    Args:
+        counts: (n,) numbers of events.
+        clusters: (n,) press ids.
+        level: Level of the interval.
     """
     estimate = positive_mean_interval(counts, clusters, level=level)
     if estimate.value == 0.0 and estimate.clusters > 1:

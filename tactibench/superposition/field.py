@@ -162,7 +162,16 @@ class Field:
 
 
 def matern(a: Array, b: Array, length: float) -> Array:
-    """Return the Matern-5/2 kernel (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length."""
+    """Return the Matern-5/2 kernel (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length.
+
+    Args:
+        a: (M, D) places.
+        b: (N, D) places.
+        length: Length of the kernel, in the unit of the places.
+
+    Returns:
+        (M, N) kernel.
+    """
     from scipy.spatial.distance import cdist
 
     r = cdist(a, b) * (np.sqrt(5.0) / length)

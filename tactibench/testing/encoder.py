@@ -114,9 +114,9 @@ def permutation(subject: EncoderSubject) -> None:
     xy, depth = np.array([[-5.0, 4], [4.3, 4.9], [0.2, -5.1]]), np.array([1.0, 3.0, 5.5])
     far = Contacts.truth(xy, depth), Contacts.truth(xy[[2, 0, 1]], depth[[2, 0, 1]])
     near = Contacts.truth([[-1, 0], [1, 0]], [1, 5]), Contacts.truth([[1, 0], [-1, 0]], [5, 1])
-    for one, other in (far, near):
-        same = np.array_equal(encoder.encode(one, grid), encoder.encode(other, grid))
-        require(same, f"the maps of {_label(one)} depend on their order")
+    for contacts, reordered in (far, near):
+        same = np.array_equal(encoder.encode(contacts, grid), encoder.encode(reordered, grid))
+        require(same, f"the maps of {_label(contacts)} depend on their order")
     worst = max(_read_back(encoder, far[0], grid))
     require(worst <= encoder.tolerance, f"{_label(far[0])} came back off by {worst:.3g} mm")
 

@@ -222,9 +222,9 @@ def describe(subject: SensorSubject) -> None:
 
 def scenes(subject: SensorSubject) -> None:
     """A sensor that has scenes has some, no two alike, and presses each that it names."""
-    own = _own_scenes(subject)
-    require(own, "it has no scene")
-    require(len(set(own.values())) == len(own), "two names stand for one scene")
+    named = _own_scenes(subject)
+    require(named, "it has no scene")
+    require(len(set(named.values())) == len(named), "two names stand for one scene")
     with must_work("pressing scenes that it has"):
         subject.press(*subject.scenes)
 
@@ -294,10 +294,10 @@ def _tip(x: float, y: float, depth: float) -> Scene:
 
 
 def _own_scenes(subject: SensorSubject) -> Mapping[str, Scene]:
-    own = subject.unopened.scenes()
-    if own is None:
+    scenes = subject.unopened.scenes()
+    if scenes is None:
         raise NotApplicable("it presses any scene")
-    return own
+    return scenes
 
 
 def _gray(frame: Frame) -> Array:

@@ -26,7 +26,8 @@ def average_weights(network: nn.Module, decay: float) -> AveragedModel:
     """Return an exponential moving average of a network's weights, with a decay per step.
 
     Its ``update_parameters`` adds the weights of a step. Its ``module`` is a network with the mean
-    weights; the statistics of batch normalisation in it must be measured before it is used.
+    weights; the statistics of batch normalisation in it are those of the last step until they are
+    measured.
     """
 
     def update(mean: Any, weights: Any, count: torch.Tensor | int) -> None:

@@ -59,6 +59,11 @@ def answers_from_vectors(values: npt.NDArray[np.floating], answer: str) -> list[
 def regression_rows(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
     """Return the rows that hold a contact or a plate pose.
 
+    Args:
+        truth: True answers to the frames.
+        answer: Kind of the answers, "contacts" or "plate".
+        model: Name of the model, for the error.
+
     Raises:
         UserError: A frame has several contacts.
     """
