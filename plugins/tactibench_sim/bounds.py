@@ -6,10 +6,10 @@ is (Kay, Fundamentals of Statistical Signal Processing I, 1993, eq. 3.31)
     I = sum over pixels of dm/dp dm/dp^T w,   w = 1 / v + v'^2 / (2 v^2),   v' = dv/dm.
 
 The second part of w is what the strength of the shot noise itself tells; it is below 0.1 % here.
-Everything is unknown together: the covariance is a block of I^-1. Unknown properties of the camera
-(*nuisances*) enter as derivatives of the noise-free frame, which is taken as a cubic spline through
-its pixels (Unser, IEEE Signal Proc. Mag. 16(6), 1999), so that nothing has to be known of the
-optics that made it.
+All parameters are unknown together: the covariance is a block of I^-1. Unknown properties of the
+camera (*nuisances*) enter as derivatives of the noise-free frame, which is taken as a cubic spline
+through its pixels (Unser, IEEE Signal Proc. Mag. 16(6), 1999), so that the optics that made it need
+not be known.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ Variance = Callable[[Array], npt.NDArray[np.floating]]
 """A frame without noise -> the variance of every pixel."""
 
 STEP_MM = 0.004
-"""Step of the differences: bounds move by less than 0.1 % between 0.001 and 0.01 mm (tests)."""
+"""Step of the differences: bounds change by less than 0.1 % for 0.001 to 0.01 mm (tests)."""
 _NOTHING = 1e-10
-"""Share of a parameter's information below which nothing is known of it; rounding leaves 1e-13."""
+"""Share of a parameter's information that counts as none; rounding leaves 1e-13."""
 
 
 def covariance(
@@ -46,16 +46,16 @@ def covariance(
 ) -> Array:
     """Return the (3 K, 3 K) mm^2 bound on x, y, depth of every contact of one scene.
 
-    A parameter of which the frame says nothing (of a contact in another's dimple, of two contacts
-    at one place) has an infinite variance and no covariances.
+    A parameter about which the frame says nothing has an infinite variance and no covariances. This
+    holds for a contact in another's dimple and for two contacts at one place.
 
     Args:
         tips: One scene; contacts are ordered as in ``true_contacts``.
         clean: Renders frames without noise.
-        variance: The noise of a frame.
+        variance: Returns the variance of every pixel of a frame.
         nuisances: Unknown properties of the camera, names of ``NUISANCES``. They are estimated from
             the same frame, with no prior.
-        step: Of the central differences, mm.
+        step: Step of the central differences, mm.
     """
     if not (tips.depth[0] > 0).any():
         return np.empty((0, 0))
@@ -73,9 +73,10 @@ def deviations(covariance: Array) -> Array:
 
 
 def _slopes(tips: Tips, clean: Clean, step: float) -> tuple[Array, Array]:
-    """Return d grey level / d (x, y, depth of every contact) (3 K, H W) per mm and the frame.
+    """Return the (3 K, H W) slopes of the grey levels by x, y and depth, per mm, and the frame.
 
-    One call of ``clean`` renders all 6 K + 1 frames. Depth steps shrink where contact ends.
+    One call of ``clean`` renders all 6 K + 1 frames. A step in depth is at most a quarter of the
+    depth, so that the contact does not end.
     """
     touching = np.flatnonzero(tips.depth[0] > 0)
     count = len(touching)
@@ -95,8 +96,12 @@ def _slopes(tips: Tips, clean: Clean, step: float) -> tuple[Array, Array]:
 def marginal(information: Array, kept: int) -> Array:
     """Return the (kept, kept) information on the first parameters when the others are unknown.
 
-    The Schur complement A - B C^-1 B^T of [[A, B], [B^T, C]], in units in which every diagonal
-    element is 1. Raises nothing for a singular C: what moves no pixel costs nothing.
+    It is the Schur complement A - B C^-1 B^T of [[A, B], [B^T, C]], in units in which every
+    diagonal element is 1. C may be singular: a parameter that moves no pixel costs nothing.
+
+    Args:
+        information: (N, N) information on all parameters.
+        kept: Number of the first parameters.
     """
     scale = np.sqrt(np.diag(information))
     unit = np.where(scale > 0, scale, 1.0)
@@ -110,9 +115,10 @@ def marginal(information: Array, kept: int) -> Array:
 
 
 def inverse(information: Array) -> Array:
-    """Invert I, scaled first; inf on the diagonal for parameters without information.
+    """Return the inverse of I; inf on the diagonal for parameters without information.
 
-    A parameter is without information also where it takes part in a combination that has none.
+    I is scaled first. A parameter is without information also where it takes part in a combination
+    that has none.
     """
     out = np.diag(np.full(len(information), np.inf))
     scale = np.sqrt(np.diag(information))
@@ -131,9 +137,14 @@ def inverse(information: Array) -> Array:
 
 
 def derivatives(image: Array, names: Sequence[str]) -> Array:
-    """Return (D, H, W) d image / d nuisance; ``shift`` has two parameters, the others one.
+    """Return the (D, H, W) derivatives of an image by nuisances; ``shift`` has two, others one.
 
-    Raises UserError for a name that is none of ``NUISANCES``.
+    Args:
+        image: (H, W) grey levels.
+        names: Names of ``NUISANCES``; a repeated one counts once.
+
+    Raises:
+        UserError: A name is none of ``NUISANCES``.
     """
     for name in names:
         if name not in _DERIVATIVES:
@@ -146,7 +157,7 @@ def derivatives(image: Array, names: Sequence[str]) -> Array:
 
 
 class _Frame:
-    """A frame (H, W) with its slopes dx, dy, grey levels a pixel, and the pixels' places."""
+    """A frame (H, W), its slopes dx and dy in grey levels per pixel, and the pixels' places."""
 
     def __init__(self, image: Array) -> None:
         self.image = image
@@ -171,7 +182,10 @@ def _first(image: Array, axis: int) -> Array:
 
 
 def _laplacian(frame: _Frame) -> Array:
-    """Take first differences twice: of fourth order, a spline's own f'' is of second."""
+    """Return the Laplacian by taking first derivatives twice.
+
+    Its error is of fourth order; that of a spline's own second derivative is of second order.
+    """
     return _first(frame.dx, 1) + _first(frame.dy, 0)
 
 

@@ -1,4 +1,4 @@
-"""The decorator that compiles a loop, with one set of options for all, and what loops are given."""
+"""The decorator that compiles loops with one set of options, and the arrays that they take."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def plain(array: Array) -> Array:
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile without the interpreter's lock, on the first call or from the cache on disk.
+    """Compile a function to run without the interpreter's lock, on the first call or from cache.
 
-    The cache follows changes of the file of the function that is called. After editing a function
-    that compiled code of another file calls, empty ``__pycache__``.
+    The cache on disk follows changes of the file of the function that is called. After editing a
+    function that compiled code of another file calls, empty ``__pycache__``.
     """
     return njit(cache=True, nogil=True, error_model="numpy")(function)

@@ -1,4 +1,4 @@
-"""The deviance of two contacts from one: what the noise of a frame leaves of their difference.
+"""The deviance of two contacts from one: their difference, measured in the noise of a frame.
 
 Let m2 be the noise-free frame of two tips, v the variance of its pixels, and m1(x, y, depth) that
 of one tip of the same radius. The log likelihood ratio of "two" against the single contact nearest
@@ -8,7 +8,8 @@ Statistical Signal Processing II, 1998, section 4.3), with
     d'^2 = D = min over x, y, depth of sum over pixels of (m2 - m1)^2 / v.
 
 The minimum is found by Gauss-Newton from the middle of the tips. Unknown properties of the camera
-are estimated along: what looks like their derivatives of the frame is taken out of the difference.
+are estimated, too: the part of the difference that looks like the frame's derivatives by them is
+removed.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ Array = npt.NDArray[np.float64]
 _Look = Callable[[Array], tuple[Array, Array]]
 
 _CONVERGED = 1e-6
-"""Share of D (of 1, where D is less: nobody sees a d' of 1) that the next step would still gain."""
+"""Share of max(D, 1) below which the gain of a further step ends the search; nobody sees a d' of
+1."""
 _STEPS = 30
 _HALVINGS = 6
 _RANK = 1e-6
@@ -39,7 +41,7 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
     Args:
         tips: One scene.
         clean: Renders frames without noise.
-        variance: The noise of a frame.
+        variance: Returns the variance of every pixel of a frame.
         nuisances: Unknown properties of the camera, names of ``NUISANCES``.
     """
     touching = tips.depth[0] > 0
@@ -49,19 +51,22 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
     weight = 1 / np.sqrt(np.asarray(variance(two), dtype=np.float64).ravel())
     look_alike = derivatives(two, nuisances).reshape(-1, two.size) * weight
     _, sizes, rows = np.linalg.svd(look_alike, full_matrices=False)
-    known = rows[sizes > _RANK * sizes.max(initial=0.0)]
+    explained = rows[sizes > _RANK * sizes.max(initial=0.0)]
 
     move = None  # the one contact went as far as the mean of both
     if tips.move is not None:
         move = np.repeat(tips.move[:, touching].mean(axis=1, keepdims=True), 7, axis=0)
 
     def visible(frames: Array) -> Array:
-        """Frames (F, H W) in standard deviations, without what a nuisance explains."""
+        """Return frames (F, H W) in standard deviations, without what the nuisances explain."""
         scaled = frames * weight
-        return np.asarray(scaled - (scaled @ known.T) @ known)
+        return np.asarray(scaled - (scaled @ explained.T) @ explained)
 
     def look(place: Array) -> tuple[Array, Array]:
-        """Differences (H W,) left at x, y, depth and (3, H W) slopes, in standard deviations."""
+        """Return the differences (H W,) at a place and the slopes (3, H W) of the single frame.
+
+        Both are in standard deviations. The place is x, y, depth, mm.
+        """
         step = min(STEP_MM, place[2] / 4)
         around = place + step * np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
         single = Tips(around[:, None, :2], around[:, None, 2], np.repeat(tips.radius, 7), move)
@@ -74,9 +79,14 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
 
 
 def _nearest(look: _Look, place: Array) -> float:
-    """Return the least squares that Gauss-Newton reaches from a place, (3,) x, y, depth mm.
+    """Return the least sum of squares that Gauss-Newton reaches from a place.
 
-    Where the sensor refuses the next single press (the tables end), the last linear step counts.
+    Where the sensor refuses the next single press because its tables end, the sum that the linear
+    step predicts is returned.
+
+    Args:
+        look: Returns the differences and the slopes at a place.
+        place: (3,) x, y, depth, mm.
     """
     left, slopes = look(place)
     for _ in range(_STEPS):

@@ -36,11 +36,11 @@ from tactibench_sim.mechanics.contact import Tips
 Array = npt.NDArray[np.float64]
 FILE = "error_bounds.json"
 RADIUS_MM = 3.0
-"""Radius of the tips of all reference scenes."""
+"""Radius of the tips of the nominal reference scenes; ``OtherTips`` holds bounds for others."""
 BETWEEN = 1.5
-"""Errors of superposing bulge upwards between the nodes; this times the linear value holds them
-(tested on every reference scene)."""
-_ON_NODE = 1e-9
+"""Factor on linearly interpolated errors of superposing, which are larger between the nodes (tested
+on every reference scene)."""
+_ON_NODE = 1e-9  # a value that rounding put this little above a node still is on it
 _OFF_APEX = 1e-6  # rad; nearer contacts differ from one at the apex by rounding alone
 
 
@@ -48,9 +48,13 @@ _OFF_APEX = 1e-6  # rad; nearer contacts differ from one at the apex by rounding
 class Envelope:
     """Bound of scenes with several contacts, and the range in which it was measured.
 
-    coefficients: (4,) mm per unit of ``envelope_terms``. factor: of all of them. deepest: greatest
-    penetration, mm. nearest, farthest: angle between two contacts, rad. lowest: greatest angle of a
-    contact from the apex, rad.
+    Attributes:
+        coefficients: (4,) mm per unit of ``envelope_terms``.
+        factor: Factor on all terms.
+        deepest: Greatest penetration, mm.
+        nearest: Least angle between two contacts, rad.
+        farthest: Greatest angle between two contacts, rad.
+        lowest: Greatest angle of a contact from the apex, rad.
     """
 
     coefficients: Array
@@ -61,7 +65,12 @@ class Envelope:
     lowest: float
 
     def bound(self, n: Array, depth: Array) -> Array:
-        """Return (S,) mm; inf outside of the range. n: (S, K, 3). depth: (S, K) mm, 0: none."""
+        """Return the (S,) bounds of S scenes, mm; inf outside of the range.
+
+        Args:
+            n: (S, K, 3) directions of the tips.
+            depth: (S, K) penetrations, mm; 0: no contact.
+        """
         out: Array = self.factor * (envelope_terms(n, depth) @ self.coefficients)
         touching = depth > 0
         polar = np.where(touching, np.arccos(np.clip(n[..., 2], -1.0, 1.0)), 0.0)
@@ -77,7 +86,11 @@ class Envelope:
 class OtherTips:
     """Bounds of single contacts and pairs of tips whose radius is not RADIUS_MM.
 
-    smallest, largest: radius, mm.
+    Attributes:
+        smallest: Least radius, mm.
+        largest: Greatest radius, mm.
+        single: Bound of a single contact.
+        pair: Bound of a pair.
     """
 
     smallest: float
@@ -86,7 +99,13 @@ class OtherTips:
     pair: Envelope
 
     def bound(self, tier: str, n: Array, delta: Array) -> Array:
-        """Return (S,) mm; inf where unknown. n: (S, K, 3). delta: (S, K) penetrations, mm."""
+        """Return the (S,) bounds of S scenes, mm; inf where they are unknown.
+
+        Args:
+            tier: Tier of the mechanics, "coupled" or "superpose".
+            n: (S, K, 3) directions of the tips.
+            delta: (S, K) penetrations, mm.
+        """
         depth = np.maximum(delta, 0.0)
         count = (depth > 0).sum(axis=1)
         first = depth.argmax(axis=1)[:, None]
@@ -102,11 +121,17 @@ class OtherTips:
 class Bounds:
     """Bounds in mm; inf where they are unknown, as beyond the last node.
 
-    depth: (D,) nodes, mm. single: (B, D) for one contact up to the polar angles ``polar`` (B,),
-    rad. pair, many: for two and more contacts in tier ``coupled``. angle: (A,) rad, added:
-    (A, D', D') differences of ``superpose`` from ``coupled`` for a pair at penetrations
-    ``added_depth``, all finite; the nearest angle stands for those outside. others: tips of other
-    radii.
+    Attributes:
+        depth: (D,) nodes of the penetration, mm.
+        polar: (B,) nodes of the polar angle, rad.
+        single: (B, D) bounds of one contact up to each polar angle and penetration.
+        pair: Bound of two contacts in tier ``coupled``.
+        many: Bound of more than two contacts in tier ``coupled``.
+        angle: (A,) nodes of the angle between two contacts, rad; the nearest one stands for angles
+            outside.
+        added_depth: (D',) nodes of the penetrations of a pair, mm.
+        added: (A, D', D') differences of ``superpose`` from ``coupled`` for a pair, mm, all finite.
+        others: Bounds of tips of other radii.
     """
 
     depth: Array
@@ -120,14 +145,25 @@ class Bounds:
     others: tuple[OtherTips, ...] = ()
 
     def alone(self, polar: Array, deepest: Array) -> Array:
-        """Return the (S,) bound of single contacts up to a polar angle, rad, and a penetration."""
-        known = np.pad(self.single, ((0, 1), (0, 1)), constant_values=np.inf)
+        """Return the (S,) bounds of single contacts, mm.
+
+        Args:
+            polar: (S,) polar angles, rad.
+            deepest: (S,) penetrations, mm.
+        """
+        padded = np.pad(self.single, ((0, 1), (0, 1)), constant_values=np.inf)
         row = np.searchsorted(self.polar, polar - _ON_NODE)
-        out: Array = known[row, np.searchsorted(self.depth, deepest - _ON_NODE)]
+        out: Array = padded[row, np.searchsorted(self.depth, deepest - _ON_NODE)]
         return np.where(deepest > 0, out, 0.0)
 
     def superposing(self, angle: Array, first: Array, second: Array) -> Array:
-        """Return what adding up a pair changes, mm; all of one shape."""
+        """Return the bounds of what adding up the fields of a pair changes, mm.
+
+        Args:
+            angle: Angles between the two contacts, rad, of any shape.
+            first: Penetrations of one contact, mm, of the same shape.
+            second: Penetrations of the other contact, mm, of the same shape.
+        """
         from scipy.interpolate import RegularGridInterpolator  # only this tier needs it
 
         nodes = self.angle, self.added_depth, self.added_depth
@@ -146,7 +182,7 @@ class Bounds:
 
         Args:
             n: (S, K, 3) directions of tips of RADIUS_MM.
-            delta: (S, K) their penetrations, mm.
+            delta: (S, K) penetrations, mm.
         """
         depth = np.maximum(delta, 0.0)
         count = (depth > 0).sum(axis=1)
@@ -159,7 +195,12 @@ class Bounds:
         return bound
 
     def superposed(self, n: Array, delta: Array) -> Array:
-        """Return (S,) bounds of tier ``superpose``, mm: of ``coupled``, and what pairs change."""
+        """Return (S,) bounds of tier ``superpose``, mm: ``coupled`` plus what pairs change.
+
+        Args:
+            n: (S, K, 3) directions of tips of RADIUS_MM.
+            delta: (S, K) penetrations, mm.
+        """
         bound = self.coupled(n, delta)
         for i, j in combinations(range(delta.shape[1]), 2):
             rows = np.flatnonzero((delta[:, i] > 0) & (delta[:, j] > 0))
@@ -170,13 +211,18 @@ class Bounds:
 
 
 def angle_between(one: Array, other: Array) -> Array:
-    """Return (S,) rad between unit vectors (S, 3)."""
+    """Return the (S,) angles, rad, between unit vectors (S, 3)."""
     out: Array = np.arccos(np.clip((one * other).sum(axis=-1), -1.0, 1.0))
     return out
 
 
 def envelope_terms(n: Array, depth: Array) -> Array:
-    """Return (S, 4) terms of ``Envelope``. n: (S, K, 3). depth: (S, K) mm, 0: none."""
+    """Return the (S, 4) terms that the coefficients of ``Envelope`` multiply.
+
+    Args:
+        n: (S, K, 3) directions of the tips.
+        depth: (S, K) penetrations, mm; 0: no contact.
+    """
     ordered = np.sort(depth, axis=1)
     second = ordered[:, -2] if depth.shape[1] > 1 else np.zeros(len(depth))
     out = np.stack([ordered[:, -1], second, second**2, np.zeros(len(depth))], axis=1)
@@ -190,20 +236,20 @@ def envelope_terms(n: Array, depth: Array) -> Array:
 
 
 def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
-    """Return (S,) mm, how far a pin base of each scene may be from finite elements.
+    """Return how far a pin base of each scene may be from finite elements.
 
     Args:
-        tier: Of the mechanics. Finite elements themselves have no bound.
-        digest: Of the tables; only those that ship were measured.
-        tips: Of S scenes.
+        tier: Tier of the mechanics. No bound is known for finite elements themselves.
+        digest: Digest of the tables; only those that ship were measured.
+        tips: Tips of S scenes.
 
     Returns:
-        inf where it is not known.
+        (S,) bounds, mm; inf where they are not known.
     """
-    known, known_tips, bounds = shipped()
+    tables_digest, tips_digest, bounds = shipped()
     n, delta = tips.directions()
     out = np.full(len(tips), np.inf)
-    if digest == known and tier in ("coupled", "superpose"):
+    if digest == tables_digest and tier in ("coupled", "superpose"):
         rows = tips.radius == RADIUS_MM
         if rows.any():
             evaluate = bounds.coupled if tier == "coupled" else bounds.superposed
@@ -211,7 +257,7 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
         for other in bounds.others:
             rows = (tips.radius >= other.smallest) & (tips.radius <= other.largest)
             rows &= tips.radius != RADIUS_MM
-            if rows.any() and tip_tables.shipped().digest == known_tips:
+            if rows.any() and tip_tables.shipped().digest == tips_digest:
                 out[rows] = other.bound(tier, n[rows], delta[rows])
     out[(delta <= 0).all(axis=1)] = 0.0  # nothing touches: the rest frame
     return out
@@ -238,7 +284,7 @@ def term_counts(tier: str, tips: Tips) -> dict[str, int]:
 
 @cache
 def shipped() -> tuple[str, str, Bounds]:
-    """Return the digests of the tables and of those of other tips, and the bounds of both."""
+    """Return the digests of the tables and of the tables of other tips, and the bounds of both."""
     return from_json((resources.files(__package__) / FILE).read_text(encoding="utf-8"))
 
 
@@ -269,6 +315,6 @@ def _envelope(values: dict[str, Any]) -> Envelope:
 
 
 def _array(values: Any) -> Array:
-    """Return an array; JSON has no infinity, so that null stands for it."""
+    """Return an array; null stands for infinity, which JSON does not have."""
     array = np.asarray(values, dtype=np.float64)
     return np.where(np.isnan(array), np.inf, array)

@@ -70,7 +70,7 @@ OPTICAL = (
 
 
 def optical(**defaults: float) -> tuple[Parameter, ...]:
-    """Return OPTICAL with some defaults of a sensor's own."""
+    """Return OPTICAL with other defaults for the named parameters."""
     return tuple(replace(p, default=defaults.get(p.name, p.default)) for p in OPTICAL)
 
 
@@ -101,7 +101,7 @@ VERSIONS: dict[int, dict[str, str | float]] = {
         "pin_radius": 0.4057,
     },
 }
-"""Number of pins -> what version 2 has for defaults where they differ from version 1."""
+"""Number of pins -> defaults of version 2 that differ from those of version 1."""
 DOME = (
     VERSION,
     Parameter(
@@ -153,7 +153,7 @@ RETIRED: dict[str, dict[str, str]] = {
     "tolerance": {},
     "allow_fem": {},
 }
-"""Parameters of the domes that older records hold, and values that others stand for now."""
+"""Parameters of the domes in older records -> old value -> the value that replaces it now."""
 
 PLANAR = (
     Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose")),

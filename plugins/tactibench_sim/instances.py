@@ -9,12 +9,13 @@ stored runs were drawn from them. Those of version 2 have their sources in ``tol
 instances are always drawn from them.
 
 Axisymmetric fields were computed for nine domes, three stiffness ratios times three skins, the
-middle one being nominal. The file that ships holds what the other eight differ by. A dome between
-them is the nominal table plus the differences, quadratic in log ratio and in log skin:
+middle one being nominal. The file that ships holds the differences of the other eight from it. A
+dome between them is the nominal table plus differences, quadratic in log ratio and in log skin:
 
     T(x, y) = T(0, 0) + sum_ij L_i(x) L_j(y) (T_ij - T(0, 0)),      i, j in -1, 0, 1
 
-with x, y in -1..1 of ``dome_of`` and Lagrange's L. So the nominal table is met exactly.
+with x, y in -1..1 from ``dome_of`` and Lagrange's polynomials L. So x = y = 0 gives exactly the
+nominal table.
 """
 
 from __future__ import annotations
@@ -40,25 +41,34 @@ from tactibench_sim.optics.camera import Optics
 Array = npt.NDArray[np.float64]
 FILE = "domes.npz"
 SCRIPT = "scripts/fem/tabulate_instances.py"
-"""The file's maker, which stands in the repository and not in the package."""
+"""Script that makes the file; it is in the repository and not in the package."""
 QUANTUM = 1e-4
-"""mm and rad; the fields' differences are stored as whole numbers of it."""
+"""Step, mm and rad: the fields' differences are stored as whole multiples of it."""
 RESERVED = 10
-"""Instances 0 to 9 are tested on and never trained on."""
+"""Number of instances, 0 to 9, that are for tests and never for training."""
 FIRST_RANGES, TRAINING_RANGES = 1, 2
 """Versions of the ranges: the assumed ones, and those with sources."""
 KEPT = 64
-"""Domes of instances that stay in memory, 4 MB each; more than that are made again when needed."""
+"""Number of domes that stay in memory, 4 MB each; others are made again when needed."""
 
 
 @dataclass(frozen=True)
 class Spread:
     """Half-widths of the uniform ranges around the nominal values (all assumed).
 
-    Absolute: camera_distance_mm (seat of the camera), principal_x and principal_y (sides), roll_deg
-    (the real rest frames are turned by up to 2 deg), gel_mm (fill level), pin_length_mm (moulding),
-    edge_px (focus), vignetting. Relative: focal (lens), marker_radius_mm (paint), brightness and
-    background (LEDs).
+    Attributes:
+        camera_distance_mm: Seat of the camera.
+        principal_x: Axis of the camera in the frame, sides.
+        principal_y: Likewise.
+        roll_deg: Turn of the camera; the real rest frames are turned by up to 2 deg.
+        gel_mm: Fill level.
+        pin_length_mm: Moulding of the pins.
+        edge_px: Focus.
+        vignetting: Fall-off of the light, absolute.
+        focal: Lens, relative to the nominal value.
+        marker_radius_mm: Paint of the tips, relative.
+        brightness: LEDs on the pins, relative.
+        background: LEDs on the gel, relative.
     """
 
     camera_distance_mm: float = 0.5
@@ -85,12 +95,17 @@ _RELATIVE = ("focal", "marker_radius_mm", "brightness", "background")
 
 
 def stream(instance: int, purpose: str) -> np.random.Generator:
-    """Return random numbers of an instance for one purpose; new purposes do not disturb others."""
+    """Return the random generator of an instance for one purpose; a new purpose changes no other.
+
+    Args:
+        instance: Number of the instance.
+        purpose: Any text.
+    """
     return np.random.default_rng([instance, *purpose.encode()])
 
 
 def training_instance(number: int) -> int:
-    """Return the instance that stands at place 0, 1, ... of a training: no reserved one."""
+    """Return the instance of a training at place 0, 1, ...; it is never a reserved one."""
     return RESERVED + number
 
 
@@ -106,11 +121,14 @@ def perturb(
     Shares stay within 0..1, lengths above a tenth of the nominal ones.
 
     Args:
-        optics: Of the nominal sensor.
-        pin_length_mm: Likewise.
-        instance: Number N.
+        optics: Optics of the nominal sensor.
+        pin_length_mm: Pin length of the nominal sensor.
+        instance: Number N; 0 is the nominal sensor.
         spread: Ranges of version 1.
-        ranges: Version of the ranges.
+        ranges: Version of the ranges, 1 or 2.
+
+    Returns:
+        The optics, and the pin length, mm.
     """
     if instance == 0:
         return optics, pin_length_mm
@@ -137,7 +155,10 @@ def dome_of(instance: int, ranges: int = FIRST_RANGES) -> tuple[float, float]:
     """Return logarithms (x, y) of the dome of instance N, each in -1..1; (0, 0): nominal.
 
     Its stiffness ratio is RATIO_FACTOR**x times the nominal one, its skin SKIN_FACTOR**y times.
-    ranges: their version.
+
+    Args:
+        instance: Number N.
+        ranges: Version of the ranges, 1 or 2.
     """
     if instance == 0:
         return 0.0, 0.0
@@ -149,9 +170,12 @@ def dome_of(instance: int, ranges: int = FIRST_RANGES) -> tuple[float, float]:
 
 
 def _shares(instance: int) -> dict[str, float]:
-    """Return where in its range of version 2 instance N is, by field of ``Tolerances``, -1..1.
+    """Return the place of instance N in every range of version 2.
 
-    Every field has random numbers of its own, so that a further one would not disturb the others.
+    Every field has random numbers of its own, so that a new field would not change the others.
+
+    Returns:
+        Field of ``Tolerances`` -> place in its range, -1..1.
     """
     return {
         field.name: float(stream(instance, f"tolerance {field.name}").uniform(-1.0, 1.0))
@@ -160,9 +184,14 @@ def _shares(instance: int) -> dict[str, float]:
 
 
 def lost_pins(pins: int, share: float, instance: int) -> npt.NDArray[np.bool_]:
-    """Return (pins,) True for pins without a white tip: round(share * pins) of them, by instance.
+    """Return (pins,) True for the pins of an instance that have no white tip.
 
-    A greater share loses the same pins and more.
+    These are round(share * pins) pins. A greater share loses the same pins and more.
+
+    Args:
+        pins: Number of pins.
+        share: Share of the pins that are lost, 0..1.
+        instance: Number of the instance.
     """
     lost = np.zeros(pins, dtype=np.bool_)
     lost[stream(instance, "pin loss").permutation(pins)[: round(share * pins)]] = True
@@ -173,8 +202,13 @@ def lost_pins(pins: int, share: float, instance: int) -> npt.NDArray[np.bool_]:
 class DomeDifferences:
     """Differences of other domes from the nominal one.
 
-    delta: (D,) mm and polar: (T,) rad, coarser than the tables'. by_shape: name of an indenter ->
-    quantity -> (3, 3, D, T) by ratio, skin, depth and angle, ``force`` (3, 3, D); [1, 1] is zero.
+    Attributes:
+        parameters: Parameters of the file; ``dome`` is the nominal dome.
+        digest: Checksum of the file.
+        delta: (D,) penetrations, mm, coarser than those of the tables.
+        polar: (T,) polar angles, rad, coarser than those of the tables.
+        by_shape: Name of an indenter -> quantity -> (3, 3, D, T) differences by ratio, skin, depth
+            and angle, ``force`` (3, 3, D). Those at [1, 1], the nominal dome, are zero.
     """
 
     parameters: dict[str, Any]
@@ -187,7 +221,7 @@ class DomeDifferences:
         """Return the tables of the dome at (x, y) of ``dome_of``, on the grid of the nominal ones.
 
         The corrections for the rim and for pairs are those of the nominal dome: they are small
-        beside the single fields, and nobody computed what another dome changes of them.
+        beside the single fields, and how another dome changes them was not computed.
 
         Args:
             nominal: The tables of the nominal dome.
@@ -196,8 +230,7 @@ class DomeDifferences:
             **description: Further parameters that describe the dome.
 
         Raises:
-            UserError: ``nominal`` has an indenter that is not in the file, or is of another dome
-                than the file's.
+            UserError: ``nominal`` has other indenters or another dome than the file.
         """
         if (x, y) == (0.0, 0.0):
             return nominal
@@ -232,7 +265,16 @@ class DomeDifferences:
 
 @lru_cache(maxsize=KEPT)
 def instance_tables(nominal: Tables, instance: int, ranges: int = FIRST_RANGES) -> Tables:
-    """Return the tables of instance N of the nominal dome; of 0 ``nominal`` itself."""
+    """Return the tables of instance N of the nominal dome; instance 0 has ``nominal`` itself.
+
+    Args:
+        nominal: The tables of the nominal dome.
+        instance: Number N.
+        ranges: Version of the ranges, 1 or 2.
+
+    Raises:
+        UserError: ``nominal`` has other indenters or another dome than the shipped differences.
+    """
     if instance == 0:
         return nominal
     return shipped().tables(nominal, *dome_of(instance, ranges), instance=instance)
@@ -240,10 +282,13 @@ def instance_tables(nominal: Tables, instance: int, ranges: int = FIRST_RANGES) 
 
 @lru_cache(maxsize=KEPT)
 def instance_mechanics(tier: str, tables: Tables) -> Mechanics:
-    """Return the mechanics of an instance's tables, the same object to all sensors that need it.
+    """Return the mechanics of an instance's tables, the same object for all sensors that need it.
 
     A run opens a sensor for every 250 presses, and most of the time of making an instance is spent
-    here. Raises UserError for a name that is no tier.
+    here.
+
+    Raises:
+        UserError: ``tier`` is no tier.
     """
     return mechanics_for(tier, tables)
 
@@ -254,7 +299,11 @@ def _lagrange(x: float) -> Array:
 
 
 def read(path: Path) -> DomeDifferences:
-    """Read a file of domes. Raises UserError where it is unreadable or its hash does not fit."""
+    """Read a file of domes.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     remedy = f"reinstall tactibench or make it again with {SCRIPT}."
     return data_file.read(path, "the tables of other domes", remedy, _differences)
 

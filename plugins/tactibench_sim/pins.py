@@ -35,7 +35,7 @@ INNER_MM = 19.0
 """Radius of the nominal inner skin, on which the pins stand."""
 TIP_RADIUS_MM = INNER_MM - 2.0
 _STEEPEST = np.radians(80.0)
-"""Polar angle up to which the place of a pin is sought."""
+"""Polar angle, rad, up to which the place of a pin is sought."""
 
 
 _REFERENCE = Optics(size=1)
@@ -47,8 +47,9 @@ def layout(pins: int, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RA
 
     Args:
         pins: 127 or 331.
-        optics: That see the pins at rest where the real ones are; their axis is the middle.
-        tip_radius_mm: From the dome's centre to the pins' tips.
+        optics: Optics that see the pins at rest at the places of the real ones. The centre pin is
+            on their axis, whatever their offset and roll.
+        tip_radius_mm: Distance from the dome's centre to the pins' tips.
     """
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     seen, place = np.unique(radius, return_inverse=True)
@@ -60,7 +61,11 @@ def layout(pins: int, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RA
 
 
 def places_at_rest(pins: int) -> Array:
-    """Return (P, 2) frame sides off the axis of 127 or 331 pins in the real rest frame."""
+    """Return the (P, 2) places of the pins in the real rest frame, frame sides from the axis.
+
+    Args:
+        pins: 127 or 331.
+    """
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
 
@@ -68,9 +73,13 @@ def places_at_rest(pins: int) -> Array:
 def tip_shares(pins: int, square: float, fourth: float) -> Array:
     """Return the (P,) radii of the white tips over that of the centre pin.
 
-    1 + square q^2 + fourth q^4, q the distance from the centre over that of the
-    outermost pin, in the frame at rest: even, as everything that is smooth about an axis.
-    pins: 127 or 331.
+    The ratio is 1 + square q^2 + fourth q^4, with q the distance from the centre over that of the
+    outermost pin, in the frame at rest. It is even in q, like every smooth function about an axis.
+
+    Args:
+        pins: 127 or 331.
+        square: Coefficient of q^2.
+        fourth: Coefficient of q^4.
     """
     q_square = (places_at_rest(pins) ** 2).sum(axis=1)
     q_square /= q_square.max()
@@ -81,7 +90,13 @@ def tip_shares(pins: int, square: float, fourth: float) -> Array:
 def polar_angles(
     radius: Array, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RADIUS_MM
 ) -> Array:
-    """Return (N,) rad of tips that the optics see ``radius`` frame sides off the axis."""
+    """Return the (N,) polar angles, rad, of tips that are seen at a distance from the axis.
+
+    Args:
+        radius: (N,) distances from the axis in the frame, frame sides.
+        optics: The camera; its offset and roll are ignored.
+        tip_radius_mm: Distance from the dome's centre to the pins' tips.
+    """
     centred = replace(optics, size=1, principal_x=0.0, principal_y=0.0, roll_deg=0.0)
     low, high = np.zeros(len(radius)), np.full(len(radius), _STEEPEST)
     for _ in range(60):  # bisection: seen radii grow with the polar angle
@@ -98,7 +113,10 @@ def _seen(polar: Array, optics: Optics, tip_radius_mm: float) -> Array:
 
 
 def _rings() -> tuple[Array, Array]:
-    """Return rings of 6 k pins, evenly spaced, one pin of each on the x axis."""
+    """Return radii, frame sides, and azimuths, rad, of rings of 6 k evenly spaced pins.
+
+    The first pin of every ring is on the x axis.
+    """
     radius, azimuth = [0.0], [0.0]
     for k, ring in enumerate(RINGS[1:], start=1):
         radius += [ring] * (6 * k)
@@ -107,7 +125,10 @@ def _rings() -> tuple[Array, Array]:
 
 
 def _hexagon(rings: int = 6) -> tuple[Array, Array]:
-    """Return a hexagonal array with two corners on the y axis."""
+    """Return radii, frame sides, and azimuths, rad, of a hexagonal array of pins.
+
+    Two corners of the hexagon are on the y axis.
+    """
     cells = [
         (q, r)
         for q in range(-rings, rings + 1)
@@ -117,6 +138,6 @@ def _hexagon(rings: int = 6) -> tuple[Array, Array]:
     cells.sort(key=lambda cell: max(abs(cell[0]), abs(cell[1]), abs(cell[0] + cell[1])))
     q, r = np.array(cells, dtype=np.float64).T
     x, y = np.sqrt(3) / 2 * r, q + r / 2
-    pitch = np.sqrt(q * q + q * r + r * r)  # the same for all six, to the last bit
+    pitch = np.sqrt(q * q + q * r + r * r)  # exactly equal for symmetric pins
     c1, c3, c5 = HEXAGON
     return c1 * pitch + c3 * pitch**3 + c5 * pitch**5, np.arctan2(y, x)

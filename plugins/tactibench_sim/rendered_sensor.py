@@ -30,7 +30,14 @@ FRAMES_PER_SECOND = 30.0
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """Presses number ``first`` and on. error: the mistake in the scene after them, if any."""
+    """Frames of some consecutive presses.
+
+    Attributes:
+        first: Number of the first press.
+        scenes: The scenes that were pressed.
+        images: One image a scene.
+        error: The mistake in the scene after these, if any.
+    """
 
     first: int
     scenes: Sequence[Scene]
@@ -41,9 +48,9 @@ class _Batch:
 class RenderedSensor(Sensor):
     """A sensor that knows where its markers are: a subclass says so in ``points``.
 
-    Frames depend on the scene, the parameters and, for their
-    noise, on the seed and the number of presses since the sensor was opened; not on how presses are
-    grouped or on how many threads make them.
+    Frames depend on the scene, the parameters and, for their noise, on the seed and the number of
+    presses since the sensor was opened. They do not depend on how presses are grouped or on how
+    many threads make them.
     """
 
     def __init__(
@@ -54,8 +61,8 @@ class RenderedSensor(Sensor):
         Args:
             context: The seed of the noise.
             renderer: The camera.
-            resting: (P, 3) mm, the untouched markers.
-            threads: Of ``press_many``; None: ``thread_count()``.
+            resting: (P, 3) places of the untouched markers, mm.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
         """
         self.renderer = renderer
         self.threads = threads or thread_count()
@@ -66,9 +73,10 @@ class RenderedSensor(Sensor):
 
     @abstractmethod
     def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return (S, P, 3) mm, every marker of every scene, as ``Renderer`` takes them.
+        """Return the (S, P, 3) places of the markers in S scenes, mm, as ``Renderer`` takes them.
 
-        Raises UserError for a scene that cannot be pressed.
+        Raises:
+            UserError: A scene cannot be pressed.
         """
 
     def __enter__(self) -> Self:
@@ -81,13 +89,20 @@ class RenderedSensor(Sensor):
         return Frame(self._rest, self._count / FRAMES_PER_SECOND, Pose(), self._rest)
 
     def press(self, scene: Scene) -> Frame:
-        """Press once. Raises UserError for a scene that cannot be pressed."""
+        """Press once.
+
+        Raises:
+            UserError: The scene cannot be pressed.
+        """
         return self._frame(scene, self._images([scene], self._count)[0])
 
     def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        """Press in order. Batches are made in advance on threads; a press counts when it is taken.
+        """Press in order. Batches are made in advance on threads.
 
-        Raises UserError for a scene that cannot be pressed, after the frames before it.
+        A press counts when its frame is taken.
+
+        Raises:
+            UserError: A scene cannot be pressed. The frames before it are yielded first.
         """
         for batch in prefetch(self._make, self._batches(scenes), self.threads):
             for k, (scene, image) in enumerate(zip(batch.scenes, batch.images, strict=True)):
@@ -122,13 +137,16 @@ class RenderedSensor(Sensor):
         return self.renderer.frames(self.points(scenes), states)
 
     def _frame(self, scene: Scene, image: Images) -> Frame:
-        """Count the next press. The image is a copy, which does not keep its whole batch."""
+        """Count the next press and return its frame.
+
+        The image is copied, so that its whole batch does not stay in memory.
+        """
         rest = self._rest_of(self._count)
         self._count += 1
         return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, rest)
 
     def _rest_of(self, number: int) -> Images:  # noqa: ARG002 - one sensor has one rest frame
-        """Return the image of what press ``number`` was made on, untouched."""
+        """Return the rest image of the sensor instance on which press ``number`` is made."""
         return self._rest
 
 
@@ -147,8 +165,11 @@ def prefetch(
 ) -> Iterator[Result]:
     """Yield ``map(work, items)``, computed on threads at most threads + 1 items in advance.
 
-    With one thread nothing is computed before it is asked for. When the consumer stops, what has
-    not begun is dropped and what has is waited for. Raises what ``work`` or ``items`` raises.
+    With one thread nothing is computed before it is needed. When the consumer stops, items that
+    have not begun are dropped, and the function waits for those that have.
+
+    Raises:
+        Exception: Whatever ``work`` or ``items`` raises.
     """
     if threads == 1:
         yield from map(work, items)

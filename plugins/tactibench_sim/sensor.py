@@ -35,16 +35,16 @@ class Preset:
     """A dome with pins and a camera.
 
     Attributes:
-        name: Of the sensor.
-        pins: How many.
+        name: Name of the sensor.
+        pins: Number of pins.
         optics: The camera.
         pin_length_mm: The lever; 2: about the length of the pins of public TacTips.
         fitted: Whether camera and lever were fitted to a real sensor. Then the pins are where these
             optics see the real ones at rest, not where the reference optics do, and plates hold
             the skin as real ones do (``tables.holding_plates``).
-        tip_square: How the radius of the white tips changes from the centre to the rim
-            (``pins.tip_shares``); both 0: not.
-        tip_fourth: Likewise.
+        tip_square: Coefficient ``square`` of ``pins.tip_shares``, which changes the radius of the
+            white tips from the centre to the rim; 0 with tip_fourth 0: all tips are alike.
+        tip_fourth: Coefficient ``fourth`` of ``pins.tip_shares``.
     """
 
     name: str
@@ -67,19 +67,22 @@ class Preset:
 
 
 TACTIP_127 = Preset("tactip-127", 127, Optics(marker_radius_mm=0.36))
-"""As the real 127-pin sensor of the Tac-VGNN data: with this marker radius a thresholded rest frame
-has discs of the real frame's median area. Glare, when it is switched on: six arcs."""
+"""Like the real 127-pin sensor of the Tac-VGNN data: with this marker radius, the discs of a
+thresholded rest frame have the median area of the real frame's. Glare, where it is switched on, is
+six arcs."""
 
 TACTIP_331 = Preset(
     "tactip-331", 331, Optics(marker_radius_mm=0.47, glare_width=0.014, glare_arc_deg=80.0)
 )
-"""As the real 331-pin sensor, marker radius likewise. Glare: a closed ring, thick at the LEDs."""
+"""Like the real 331-pin sensor, with the marker radius found likewise. Glare is a closed ring that
+is thick at the LEDs."""
 
 
 FITTED_THRESHOLD = 50.0
 """Grey levels above the block (output bw): about half of a tip's light. A threshold of 5 cuts at
-the foot of a tip's edge, which hides how pins grow: the areas of the 331 set's innermost pins grow
-by 1.25 in the presses of the fit, simulated ones by 1.21 with 5 and by 1.24 with 50."""
+the foot of a tip's edge, which hides how pins grow. In the presses of the fit, the areas of the 331
+set's innermost pins grow by a factor of 1.25; simulated ones by 1.21 with a threshold of 5 and by
+1.24 with 50."""
 
 TACTIP_127_FITTED = replace(
     TACTIP_127,
@@ -118,13 +121,15 @@ TACTIP_331_FITTED = replace(
     tip_square=0.957,
     tip_fourth=-0.685,
 )
-"""Version 2, likewise."""
+"""Version 2 of the 331-pin sensor, fitted likewise."""
 
 
 class SimulatedTacTip(RenderedSensor):
     """A skin-on-gel dome with pins; single-contact fields from finite elements.
 
-    ``preset`` is the first of its ``versions``, and of an instance of the class the chosen one.
+    Attributes:
+        preset: Preset of the chosen version; of the class itself, that of version 1.
+        versions: Presets of versions 1, 2 and so on.
     """
 
     preset: Preset
@@ -150,17 +155,17 @@ class SimulatedTacTip(RenderedSensor):
 
         Args:
             context: The seed of the noise.
-            version: Of the preset, 1 or 2: whose lever, camera and pins the parameters start from.
+            version: Version of the preset, 1 or 2, whose lever, camera and pins are the defaults.
             tier: How scenes become displacement fields.
             table: Path of a file of single-contact fields; "": the one that ships.
             instance: Number of the sensor instance; 0: the nominal one.
-            instances: Number of training instances over which the presses are spread; 0 or 1: the
-                presses are all of ``instance``. What is no press (``rest``, ``points``, bounds) is
-                of the nominal sensor.
+            instances: Number of training instances over which the presses are spread; 0 or 1: all
+                presses are made on ``instance``. Everything else (``rest``, ``points``, bounds) is
+                that of the nominal sensor.
             ranges: Version of the ranges of ``instance``; training instances are of version 2.
-            pin_length: mm; None: the preset's.
+            pin_length: Length of the pins, mm; None: the preset's.
             friction: Coulomb's coefficient between tips and skin; 0: moves drag nothing.
-            threads: Of ``press_many``.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
@@ -254,16 +259,28 @@ class SimulatedTacTip(RenderedSensor):
         return self.optics.noise
 
     def tips(self, tips: Tips) -> Array:
-        """Return (S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
+        """Return (S, P, 3) pin tips from the dome's centre, mm.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         loads = self.mechanics.loads(tips)
         return self.mechanics.pin_tips(loads, self.directions, self.pin_length)
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return (S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
+        """Return (S, P, 3) pin tips from the dome's centre, mm.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         return self.tips(tips_of(scenes))
 
     def clean(self, tips: Tips) -> Array:
-        """Return (S, size, size) grey levels without noise. Raises UserError as ``press``."""
+        """Return (S, size, size) grey levels without noise.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         return self.renderer.clean(self.tips(tips))
 
     def surface(self, scene: Scene, grid: Grid) -> Array:
@@ -280,7 +297,8 @@ class SimulatedTacTip(RenderedSensor):
     def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
         """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
 
-        Of the grey frame that models see; of output "bw" it holds, but cannot be reached.
+        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
+        reached there.
         """
         from tactibench_sim.bounds import covariance  # few protocols ask for bounds
 
@@ -315,7 +333,7 @@ class SimulatedTacTip(RenderedSensor):
         return {**counts, "drag": drag} if drag else counts
 
     def forces(self, scene: Scene) -> Array | None:
-        """Return the (K,) normal force of every contact, E_skin mm^2; None in tiers without."""
+        """Return the (K,) normal forces of the contacts, E_skin mm^2; None if the tier has none."""
         tips, forces_of = tips_of([scene]), getattr(self.mechanics, "forces", None)
         if forces_of is None:
             return None
@@ -339,7 +357,7 @@ class SimulatedTacTip(RenderedSensor):
         return {fitted.recording: fitted.frames}
 
     def describe(self) -> dict[str, Any]:
-        """Return everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, except the seed."""
         return {
             "sensor": self.preset.name,
             "plugin": f"tactibench_sim {__version__}",
@@ -360,14 +378,14 @@ class SimulatedTacTip(RenderedSensor):
 
 
 class TacTip127(SimulatedTacTip):
-    """127 pins, hexagonal."""
+    """The simulated TacTip with 127 pins in a hexagon."""
 
     preset = TACTIP_127
     versions = TACTIP_127, TACTIP_127_FITTED
 
 
 class TacTip331(SimulatedTacTip):
-    """331 pins in ten rings."""
+    """The simulated TacTip with 331 pins in ten rings."""
 
     preset = TACTIP_331
     versions = TACTIP_331, TACTIP_331_FITTED

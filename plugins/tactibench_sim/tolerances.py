@@ -82,12 +82,12 @@ def modulus(shore_a: float) -> float:
 def apply_optics(
     optics: Optics, pin_length_mm: float, shares: Mapping[str, float]
 ) -> tuple[Optics, float]:
-    """Return optics and pin length of a sensor.
+    """Return optics and pin length, mm, of a sensor.
 
     Args:
-        optics: Of the nominal sensor.
-        pin_length_mm: Likewise.
-        shares: Every field of ``Tolerances`` -> where in its range the sensor is, -1..1.
+        optics: Optics of the nominal sensor.
+        pin_length_mm: Pin length of the nominal sensor.
+        shares: Every field of ``Tolerances`` -> place of the sensor in its range, -1..1.
     """
     step = {f.name: shares[f.name] * getattr(TOLERANCES, f.name) for f in fields(Tolerances)}
     light, gel = 1 + step["light"], 1 + step["background"]
@@ -116,10 +116,14 @@ def apply_optics(
 
 
 def nearest_camera(optics: Optics, gel_mm: float) -> float:
-    """Return the least distance of the camera of an instance with so much gel, mm.
+    """Return the least distance from the camera to the apex of an instance, mm.
 
     A tenth of the nominal sensor's air is left, which matters where the camera is right behind its
     window.
+
+    Args:
+        optics: Optics of the nominal sensor.
+        gel_mm: Gel of the instance, from the apex to the window.
     """
     return gel_mm + optics.window_mm + 0.1 * optics.air_mm
 

@@ -17,14 +17,14 @@ from tactibench_sim.rendered_sensor import RenderedSensor
 
 Images = npt.NDArray[np.uint8]
 STREAM = 9
-"""Random numbers that say on which instance a press is made, beside those of the noise and those
-of the fitted sensors (7 and 8)."""
+"""Stream of random numbers that choose the instance of a press. It differs from those of the noise
+and of the fitted sensors (7 and 8)."""
 
 
 class TrainingInstances:
-    """The sensor instances of a training, each made when the first press falls to it.
+    """The sensor instances of a training, each made when the first press needs it.
 
-    At most ``KEPT`` of them stay in memory; their rest frames stay all, one an instance.
+    At most ``KEPT`` of them stay in memory; the rest frames of all of them do.
     """
 
     def __init__(
@@ -33,11 +33,11 @@ class TrainingInstances:
         seed: np.random.SeedSequence,
         count: int,
     ) -> None:
-        """Make none yet.
+        """Prepare the instances; none is made yet.
 
         Args:
             make: Makes the sensor of an ``instance`` with a version of its ``ranges``.
-            seed: Of the sensor.
+            seed: Seed of the sensor.
             count: Number of instances.
         """
         self.count = count
@@ -64,9 +64,15 @@ class TrainingInstances:
         return self._rests[number]
 
     def images(self, scenes: Sequence[Scene], first: int, states: npt.NDArray[np.uint64]) -> Images:
-        """Return the images of presses ``first`` and on, each with its state of the noise.
+        """Return the images of consecutive presses, uint8.
 
-        Raises UserError for a scene that cannot be pressed.
+        Args:
+            scenes: S scenes.
+            first: Number of the first press.
+            states: (S, 4) states of the noise.
+
+        Raises:
+            UserError: A scene cannot be pressed.
         """
         numbers = np.array([self.number_of(first + k) for k in range(len(scenes))])
         out: Images | None = None

@@ -27,16 +27,28 @@ Array = npt.NDArray[np.float64]
 
 COLOURS = "cividis"
 REST = "#56B4E9"
-"""Sky blue of Okabe and Ito (2008): seen on black and on white, also by colour-blind readers."""
+"""Sky blue of Okabe and Ito (2008): visible on black and on white, also to colour-blind readers."""
 SHOWN_MM = 13.0
+"""Radius of the piece of skin that is drawn."""
 SEEN_FROM_DEG = 46.0
-"""Radius of the piece of skin that is drawn; seen from above its steepest slope, 40 deg."""
+"""Elevation of the view, above the steepest slope of that piece, 40 deg."""
 LINES = 8
 EXAGGERATIONS = (1, 2, 5, 10, 20, 50, 100)
 
 
 def draw(path: Path, sensor: RenderedSensor, scene: Scene, title: str, detail: str) -> None:
-    """Write a PNG of three panels. Raises UserError for a scene the sensor cannot press."""
+    """Write a PNG of three panels.
+
+    Args:
+        path: File to write.
+        sensor: The sensor.
+        scene: The press.
+        title: Text at the top left.
+        detail: Text at the top right.
+
+    Raises:
+        UserError: The sensor cannot press the scene or does not know its skin.
+    """
     frame = sensor.press(scene).image
     before = marker_pixels(sensor, Scene(scene.indenter, Pose()))
     after = marker_pixels(sensor, scene)
@@ -120,7 +132,12 @@ def _arrows(axes: Any, bar: Any, before: Array, after: Array, window: tuple[floa
 
 
 def exaggeration(longest: float, spacing: float) -> int:
-    """Return the largest of 1, 2, 5, ... with which no arrow exceeds 1.6 pin spacings."""
+    """Return the largest of 1, 2, 5, ... with which no arrow exceeds 1.6 pin spacings.
+
+    Args:
+        longest: Length of the longest arrow, px.
+        spacing: Distance of neighbouring pins, px.
+    """
     fitting = [k for k in EXAGGERATIONS if k * longest <= 1.6 * spacing]
     return max(fitting, default=1)
 
@@ -200,6 +217,15 @@ def skin_cap(
 
     z = 0 at the undeformed apex. Tangential motion is left out, as in ``surface``. The skin of
     a sensor that is no dome is flat.
+
+    Args:
+        sensor: The sensor.
+        scene: The press.
+        rings: Steps of the mesh in the radius.
+        sectors: Steps of the mesh in the azimuth.
+
+    Raises:
+        UserError: The sensor does not know its skin or cannot press the scene.
     """
     grid = Grid.centred(2 * rings + 5, SHOWN_MM / rings)
     radius, turn = np.meshgrid(
@@ -237,7 +263,7 @@ def _bar(figure: Any, drawn: Any, axes: Any, label: str) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    """Write under a temporary name, then rename: nobody reads half a picture."""
+    """Write under a temporary name, then rename, so that nobody reads half a picture."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as stream:

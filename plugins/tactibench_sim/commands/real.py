@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 REAL_COLOUR, SIMULATED_COLOUR = "#000000", "#D55E00"
 TILT_RANGES = ((-21.0, -10.0), (-5.0, 5.0), (10.0, 21.0))
-"""deg, of the presses that are drawn."""
+"""Ranges of tilt, deg, of the presses that are drawn."""
 _MARGIN_PX = 22.0
 
 
@@ -121,7 +121,7 @@ def _print(comparison: Comparison) -> None:
 def representative_presses(comparison: Comparison) -> list[int]:
     """Return rows of two presses each at tilts about -15, 0 and 15 deg: shallow and deep.
 
-    Nobody picks: in each group the press stands for it whose relative error is its median.
+    They are not picked by hand: from each group it is the press whose relative error is the median.
     """
     import numpy as np
 

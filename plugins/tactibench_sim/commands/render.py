@@ -106,7 +106,11 @@ def _force_lines(sensor: Sensor, press: Scene, modulus: float | None) -> Iterato
 
 
 def _given(params: tuple[str, ...]) -> dict[str, str]:
-    """Read ``("sensor.tier=superpose",)`` as ``{"tier": "superpose"}``. Raises UserError."""
+    """Read ``("sensor.tier=superpose",)`` as ``{"tier": "superpose"}``.
+
+    Raises:
+        UserError: A text is not of the form sensor.NAME=VALUE, or a name is given twice.
+    """
     from tactibench import UserError
 
     given: dict[str, str] = {}

@@ -19,7 +19,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "plate": (),
     "custom": ("offsets", "radius"),
 }
-"""Indenter -> what it may be given besides its pose; "custom" only in a file."""
+"""Indenter -> names that it may have besides those of the pose; "custom" only in a file."""
 NUMBERS_FIRST = {"dual": "distance", "triple": "heights"}
 """Names of the numbers behind the colon of a line."""
 
@@ -42,7 +42,11 @@ or          indenter = "custom"   offsets = [[0, 0, 0], [8, 0, 0.5]]   depth = 2
 
 
 def read_scene(text: str) -> Scene:
-    """Read a scene from a line or from a file whose name ends in .toml. Raises UserError."""
+    """Read a scene from a line or from a file whose name ends in .toml.
+
+    Raises:
+        UserError: The file cannot be read, or the line or the file describes no scene.
+    """
     if text.endswith(".toml"):
         return _build(_file(Path(text)), f"the scene file {text}")
     return _build(_line(text), f"the scene {text!r}")

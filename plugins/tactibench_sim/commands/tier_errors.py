@@ -1,11 +1,12 @@
 """Errors of the tiers against the finite-element scenes, and the time that a scene takes.
 
-Two views of the same errors: by *group*, scenes of R = 3 mm tips up to two depths, for every tier;
-and by *term*, what a scene needs, in bands of depth, spacing and radius, for tips of all radii.
+There are two views of the same errors. The one by *group* has scenes of R = 3 mm tips up to two
+depths, for every tier. The one by *term* of the field that a scene needs has bands of depth,
+spacing, radius and shear, for tips of all radii.
 
-The error of a pin base is the length of the difference of its displacements, mm; that of a pin's
-tip likewise, with the pin standing on the turned normal; that of a normal the angle between both,
-deg.
+The error of a pin base is the length of the difference of its displacements, mm. That of a pin's
+tip is the same with the pin standing on the turned normal. That of a normal is the angle between
+both normals, deg.
 """
 
 from __future__ import annotations
@@ -47,9 +48,9 @@ GROUPS: Mapping[str, Callable[[ReferenceScene], bool]] = {
     "equal depths": lambda scene: len(scene.tips) > 1 and scene.equal,
     "unequal depths": lambda scene: len(scene.tips) > 1 and not scene.equal,
 }
-"""Tips that stand alone are counted apart: they are what the tables hold."""
+"""Tips that stand alone are counted apart, because the tables hold their fields."""
 APART = ("all", "isolated")
-"""Groups that no other holds."""
+"""Groups that are not part of another group."""
 TERMS: Mapping[str, Callable[[ReferenceScene], bool]] = {
     "single": lambda scene: len(scene.tips) == 1 and scene.on_apex and not scene.friction,
     "single, rim": lambda scene: len(scene.tips) == 1 and not scene.on_apex and not scene.friction,
@@ -65,9 +66,12 @@ DUAL = "pair"
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity in which scenes are told apart.
+    """A quantity by which scenes are divided into bands.
 
-    value: of a scene; NaN where it has none. edges: upper ends of the bands, rising.
+    Attributes:
+        unit: Unit of the quantity.
+        value: Returns the value of a scene; NaN where it has none.
+        edges: Upper ends of the bands, rising.
     """
 
     unit: str
@@ -75,7 +79,7 @@ class Axis:
     edges: tuple[float, ...]
 
     def bands(self) -> list[tuple[str, float, float]]:
-        """Return the name of every band, and the values beyond which and up to which it goes."""
+        """Return the name of every band and its ends (low, high]."""
         ends = pairwise((-math.inf, *self.edges))
         return [
             (f"{low:g} to {high:g}" if low > 0 else f"to {high:g}", low, high) for low, high in ends
@@ -100,7 +104,14 @@ _BUDGET_S = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors in one scene, pin by pin, each (P,): base and tip mm, normal deg."""
+    """Errors in one scene, pin by pin.
+
+    Attributes:
+        scene: The scene.
+        base: (P,) errors of the pin bases, mm.
+        tip: (P,) errors of the pin tips, mm.
+        normal: (P,) errors of the normals, deg.
+    """
 
     scene: ReferenceScene
     base: Array
@@ -110,7 +121,12 @@ class Errors:
 
 @dataclass(frozen=True)
 class Speed:
-    """Time of the field of one scene, 127 pins, one thread, us: wall clock and processor."""
+    """Time of the field of one scene with 127 pins on one thread.
+
+    Attributes:
+        wall: Time by the wall clock, us.
+        processor: Time of the processor, us.
+    """
 
     wall: float
     processor: float
@@ -120,7 +136,11 @@ class Speed:
 class TierErrors:
     """Errors and speed of a tier.
 
-    refused: scenes that the tier does not compute. costs: by term, of scenes of R = 3 mm tips.
+    Attributes:
+        name: Name of the tier.
+        errors: Errors in each scene that the tier computes.
+        refused: Scenes that the tier does not compute.
+        costs: Term -> time of its scenes of R = 3 mm tips.
     """
 
     name: str
@@ -130,7 +150,7 @@ class TierErrors:
 
     @property
     def speed(self) -> Speed:
-        """Time of a dual scene, or of whatever there is."""
+        """Time of a dual scene or, where there is none, of the first term."""
         return self.costs.get(DUAL) or next(iter(self.costs.values()))
 
     def errors_in(self, group: str, deepest: float) -> list[Errors]:
@@ -147,7 +167,12 @@ class TierErrors:
         return [e for e in self.errors if TERMS[term](e.scene) and low < value(e.scene) <= high]
 
     def worst(self, group: str, deepest: float) -> tuple[Errors, int]:
-        """Return the scene and the pin whose base is farthest off."""
+        """Return the errors of the scene, and the pin there, whose base is farthest off.
+
+        Args:
+            group: Name of a group in GROUPS.
+            deepest: Greatest depth of a tip, mm.
+        """
         worst = max(self.errors_in(group, deepest), key=lambda e: float(e.base.max()))
         return worst, int(worst.base.argmax())
 
@@ -157,7 +182,11 @@ def _nominal(scene: ReferenceScene) -> bool:
 
 
 def judge(name: str, tier: ForceMechanics, scenes: Sequence[ReferenceScene]) -> TierErrors:
-    """Compare a tier with every scene and time it. Raises UserError where no scene is left."""
+    """Compare a tier with every scene and time it.
+
+    Raises:
+        UserError: The tier computes none of the scenes.
+    """
     errors, refused = [], []
     for scene in scenes:
         try:
@@ -192,7 +221,12 @@ def _errors(frictionless: ForceMechanics, scene: ReferenceScene) -> Errors:
 
 
 def speed(frictionless: ForceMechanics, scenes: Sequence[ReferenceScene]) -> Speed:
-    """Return the median of rounds over scenes of equally many tips of R = 3 mm."""
+    """Return the median time of several rounds.
+
+    Args:
+        frictionless: The tier.
+        scenes: Scenes with the same number of tips of R = 3 mm, all with friction or all without.
+    """
     tier = _with_friction(frictionless, scenes[0])
     use = (list(scenes) * (_BATCH // len(scenes) + 1))[: max(_BATCH, len(scenes))]
     tips = np.stack([s.tips for s in use])
@@ -201,21 +235,28 @@ def speed(frictionless: ForceMechanics, scenes: Sequence[ReferenceScene]) -> Spe
         move = np.stack([np.tile(s.move, (len(s.tips), 1)) for s in use])
     batch = Tips(tips[..., :2], tips[..., 2], np.full(len(use), RADIUS_MM), move)
     at = np.ascontiguousarray(use[0].directions[-LAYOUTS[-1] :])
-    tier.displacement(tier.loads(batch), at)  # compiled, and tables made
+    tier.displacement(tier.loads(batch), at)  # compiles the loops and makes tables
     wall: list[float] = []
     processor: list[float] = []
     begun = time.perf_counter()
     while len(wall) < 3 or (len(wall) < _ROUNDS and time.perf_counter() - begun < _BUDGET_S):
-        start, own = time.perf_counter(), time.thread_time()
+        start, processor_start = time.perf_counter(), time.thread_time()
         tier.displacement(tier.loads(batch), at)
-        processor.append(time.thread_time() - own)
+        processor.append(time.thread_time() - processor_start)
         wall.append(time.perf_counter() - start)
     each = 1e6 / len(use)
     return Speed(each * statistics.median(wall), each * statistics.median(processor))
 
 
 def pin_name(pin: int) -> str:
-    """Return a pin's number in its own pattern, of both: "pin 17 of 331"."""
+    """Return a pin's number in its own pattern, such as "pin 17 of 331".
+
+    Args:
+        pin: Number of the pin among those of both patterns.
+
+    Raises:
+        IndexError: There are not so many pins.
+    """
     for pins in LAYOUTS:
         if pin < pins:
             return f"pin {pin} of {pins}"
@@ -282,7 +323,7 @@ def pooled(errors: Sequence[Errors], quantity: str) -> Array:
 
 
 def worst_cases(tiers: Sequence[TierErrors]) -> list[dict[str, Any]]:
-    """Return the worst pin base of every tier up to either depth, for JSON."""
+    """Return the worst pin base of every tier up to each depth, for JSON."""
     rows = []
     for tier, group, deepest in product(tiers, APART, DEPTHS_MM):
         if not tier.errors_in(group, deepest):

@@ -42,7 +42,7 @@ SERIES = (
     ("#56B4E9", "P"),
     ("#000000", "X"),
 )
-"""Okabe and Ito (2008), the darkest first, each with a mark of its own."""
+"""Colours of Okabe and Ito (2008), each with its own mark."""
 GREY = "#595959"
 _DPI = 200
 _UNLIMITED = 1000
@@ -85,7 +85,7 @@ def print_report(console: Console, tiers: Sequence[TierErrors]) -> None:
 
 
 def _term_table(tiers: Sequence[TierErrors], axis: str) -> Table:
-    """Return the errors of every term, a column a band; terms without a scene are left out."""
+    """Return the errors of every term, one column a band; terms without a scene are left out."""
     bands = AXES[axis].bands()
     table = _table(("tier", "term"), [name for name, _, _ in bands])
     for tier in tiers:

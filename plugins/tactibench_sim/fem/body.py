@@ -1,8 +1,8 @@
 """The dome as a body of finite elements, in mm and units of the skin's modulus.
 
 Its materials are neo-Hookean solids with nu exactly 1/2, by displacement and pressure. Every
-material has a pressure space of its **own**: the pressure jumps with the stiffness, and one that is
-continuous across the interface gives about 6 % too low a force on the dome.
+material has a pressure space of its **own**: the pressure jumps with the stiffness, and a pressure
+that is continuous across the interface gives a force on the dome that is about 6 % too low.
 """
 
 from __future__ import annotations
@@ -16,12 +16,18 @@ from tactibench import UserError
 
 @dataclass(frozen=True)
 class Dome:
-    """The assumed dome. Lengths mm; moduli in units of the skin's.
+    """The assumed dome. Lengths are in mm, moduli in units of the skin's.
 
-    outer, skin: a TacTip dome of 40 mm diameter with a 1 mm skin (assumed from public designs).
-    stiffness_ratio: E_skin / E_gel (assumed; 10 to 300 describe real plate presses equally well).
-    apex_size, skin_size, gel_size: largest element edges of axisymmetric meshes. penalty: contact
-    stiffness, E_skin / mm.
+    Attributes:
+        outer: Radius of the outer skin: a TacTip dome of 40 mm diameter (assumed from public
+            designs).
+        skin: Thickness of the skin (likewise).
+        stiffness_ratio: E_skin / E_gel (assumed; 10 to 300 describe real plate presses equally
+            well).
+        apex_size: Largest element edge at the apex of axisymmetric meshes.
+        skin_size: Largest element edge in the skin of axisymmetric meshes.
+        gel_size: Largest element edge in the gel of axisymmetric meshes.
+        penalty: Contact stiffness, E_skin / mm.
     """
 
     outer: float = 20.0
@@ -44,7 +50,11 @@ class Dome:
 
 
 def require_ngsolve() -> Any:
-    """Return the module ngsolve, an optional extra. Raises UserError where it is missing."""
+    """Return the module ngsolve, an optional extra.
+
+    Raises:
+        UserError: NGSolve is not installed.
+    """
     try:
         import ngsolve
     except ImportError:
@@ -56,7 +66,7 @@ def require_ngsolve() -> Any:
 
 
 def mixed_space(mesh: Any, displacement: Any, materials: Iterable[str]) -> Any:
-    """Return the product of a displacement space and one continuous P1 pressure a material."""
+    """Return the product of a displacement space and a continuous P1 pressure for each material."""
     ngs = require_ngsolve()
     pressures = [
         ngs.Compress(ngs.H1(mesh, order=1, definedon=mesh.Materials(material)))

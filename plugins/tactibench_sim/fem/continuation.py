@@ -29,16 +29,25 @@ class NotConvergedError(RuntimeError):
 class Settings:
     """Settings of the increments and the Newton method.
 
-    first, largest, smallest: increments of the level; halved where Newton fails, times 1.5 where it
-    converges, given up below ``smallest``. steps: Newton iterations. cap: longest move of any
-    displacement in one of them, mm. tolerance: the last move of a converged run, mm. inverse: one
-    of SOLVERS; "pardiso" needs an NGSolve built with it, which those of PyPI need not be.
+    Attributes:
+        first: First increment of the level.
+        largest: Largest increment.
+        smallest: Increments are halved where Newton fails; below this one the path is given up.
+        steps: Newton iterations of a run, at most.
+        cap: Longest move of any displacement in one iteration, mm.
+        tolerance: Last move of a converged run, mm.
+        inverse: One of SOLVERS. "pardiso" needs an NGSolve that was built with it; those of PyPI
+            need not be.
+        predictor: Where the next run starts. "secant": on the straight line through the last two
+            equilibria. Increments grow by 1.5, and every ``advance`` but the first one tries the
+            whole way to its goal first. "tangent": on the path's tangent at the last equilibrium,
+            which takes one more solution with the last factorisation. Increments continue from the
+            last one, and double only after a run of at most ``easy`` iterations.
+        easy: Iterations of a run after which "tangent" still doubles the increment.
+        diverging: A move beyond it, mm, after the second iteration ends a run as failed.
 
-    predictor: where the next run starts, on the straight line through the last two equilibria
-    ("secant", whose first try is always the whole way to the goal) or on the path's tangent at the
-    last one ("tangent": one more solution with the last factorisation; increments go on from the
-    last one's, and grow only after a run of at most ``easy`` iterations). diverging: a move beyond
-    it, mm, after the second iteration ends a run as failed.
+    Raises:
+        ValueError: ``inverse`` is none of SOLVERS, or ``predictor`` none of PREDICTORS.
     """
 
     first: float = 0.05
@@ -59,14 +68,22 @@ class Settings:
 
 
 class Continuation:
-    """Carries ``state`` from equilibrium to equilibrium as a level rises from ``level``.
+    """The path of a ``state`` from equilibrium to equilibrium as a level rises.
 
-    form: symmetric NGSolve BilinearForm of Variation terms, its loads controlled by
-    ``set_level(level)`` (a depth, or the parameter of a path for several indenters). state: a
-    GridFunction in equilibrium at ``level``; displacement: the range of its degrees of freedom that
-    are displacements, all by default. on_step(level) is called at every equilibrium on the way.
-    tangent: the form whose second derivative is factorised, ``form`` by default; a slightly
-    different one costs an iteration or two, never accuracy.
+    Args:
+        form: Symmetric NGSolve BilinearForm of Variation terms.
+        state: GridFunction in equilibrium at ``level``.
+        set_level: Sets the loads of ``form`` to a level: a depth, or the parameter of a path for
+            several indenters.
+        displacement: Range of the degrees of freedom that are displacements; None: all.
+        settings: Settings of the increments and the Newton method; None: the defaults.
+        on_step: Called with the level at every equilibrium on the way.
+        level: Level at the start.
+        tangent: Form whose second derivative is factorised; None: ``form``. A slightly different
+            one costs an iteration or two, never accuracy.
+
+    Raises:
+        UserError: NGSolve is not installed or was built without the direct solver.
     """
 
     def __init__(
@@ -88,12 +105,18 @@ class Continuation:
         self.level = level
         self._moving = slice(None) if displacement is None else displacement
         self._free = state.space.FreeDofs()
-        self._before: tuple[float, Any] | None = None  # the last equilibrium but one
+        self._before: tuple[float, Any] | None = None  # the equilibrium before the last one
         self._inverse: Any = None  # of the last factorised tangent at an equilibrium
         self._step: float | None = None  # the increment that would be tried next
 
     def advance(self, goal: float) -> None:
-        """Go to the equilibrium at ``goal`` >= level. Raises NotConvergedError."""
+        """Go to the equilibrium at ``goal`` >= level.
+
+        Raises:
+            ValueError: The goal is below the level.
+            NotConvergedError: Newton fails with the smallest increment, too. The state is the last
+                equilibrium.
+        """
         if not goal >= self.level:
             raise ValueError(f"the goal is {goal}; it must be at least the level, {self.level}")
         s, vec = self.settings, self.state.vec
@@ -162,7 +185,7 @@ class Continuation:
         self.state.vec.data += (to - self.level) / (self.level - previous) * change
 
     def _newton(self) -> int:
-        """Run Newton with capped moves; return iterations until one was negligible, 0 for none."""
+        """Run Newton with capped moves; return the iterations until convergence, 0 for none."""
         from netgen.meshing import NgException
 
         vec, s = self.state.vec, self.settings
@@ -187,10 +210,13 @@ class Continuation:
 
 
 def _require_solver(inverse: str) -> None:
-    """Refuse early: NGSolve would fail at the first factorisation, as for a singular matrix."""
+    """Raise UserError where NGSolve was built without the direct solver.
+
+    Without this check it would fail at the first factorisation, as for a singular matrix.
+    """
     config = require_ngsolve().config
-    there = {"umfpack": config.USE_UMFPACK, "pardiso": config.USE_PARDISO or config.USE_MKL}
-    if not there.get(inverse, True):
+    available = {"umfpack": config.USE_UMFPACK, "pardiso": config.USE_PARDISO or config.USE_MKL}
+    if not available.get(inverse, True):
         raise UserError(
             f"this NGSolve was built without the direct solver {inverse!r}; "
             'use "sparsecholesky" or "umfpack".'

@@ -15,14 +15,17 @@ from tactibench_sim.fem.body import Dome, require_ngsolve
 Array = npt.NDArray[np.float64]
 GRADING = 0.3
 """Netgen's growth of element edges away from a refined spot; 0.3 is its default."""
-_SPACING = 0.7  # of the points that ask for small elements, in element edges
+_SPACING = 0.7  # of the points that request small elements, in element edges
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A round part of the skin, both of its surfaces, with elements of ``edge`` mm.
+    """A round part of the skin with small elements on both of its surfaces.
 
-    direction: unit vector from the dome's centre. reach: mm along the outer surface.
+    Attributes:
+        direction: (3,) unit vector from the dome's centre to the middle of the part.
+        reach: Radius of the part along the outer surface, mm.
+        edge: Edge of the elements, mm.
     """
 
     direction: Array
@@ -53,8 +56,14 @@ def across(direction: Array) -> tuple[Array, Array]:
 def dome_volume(dome: Dome, spots: Sequence[Spot], far: float, mirror: bool) -> Any:
     """Mesh the dome with curved tetrahedra of materials "skin" and "gel".
 
-    Boundaries: "base" (z = 0), "outer", and "mirror" (y = 0) where only the half y > 0 is meshed.
-    far: largest element edge, mm.
+    Its boundaries are "base" (z = 0), "outer", and "mirror" (y = 0) where only the half y > 0 is
+    meshed.
+
+    Args:
+        dome: The dome.
+        spots: Parts of the skin with small elements.
+        far: Largest element edge, mm.
+        mirror: Whether only the half y > 0 is meshed.
     """
     ngs = require_ngsolve()
     from netgen.meshing import MeshingParameters

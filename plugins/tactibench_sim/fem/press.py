@@ -32,16 +32,19 @@ SPATIAL = Settings(
     predictor="tangent",
     diverging=1.5,
 )
-_COMPRESSIBILITY = 1e-6  # of the factorised tangent only: without it, it has no Cholesky factors
+_COMPRESSIBILITY = 1e-6  # of the factorised tangent only, which else has no Cholesky factors
 
 
 @dataclass(frozen=True)
 class Fineness:
     """Element edges of a mesh.
 
-    Under a tip ``contact`` times its radius but ``largest`` mm at most, to ``margin`` mm beyond its
-    radius (a plate: ``largest``, to half the margin beyond where it touches); elsewhere up to
-    ``far`` mm.
+    Attributes:
+        contact: Edge under a spherical tip, in units of its radius.
+        largest: Largest edge under a spherical tip, and the edge under a plate, mm.
+        margin: Distance beyond a tip's radius to which the elements are small, mm; half of it
+            beyond where a plate touches.
+        far: Largest edge elsewhere, mm.
     """
 
     contact: float = 0.4
@@ -64,10 +67,22 @@ class Fineness:
 
 
 class SpatialPress:
-    """A dome and its tips; ``move`` takes them anywhere, ``field`` gives the present equilibrium.
+    """A dome and its tips: ``move`` moves them, ``field`` returns the present equilibrium.
 
-    depths: (N, K), which the mesh is made for. mirror: mesh the half y > 0 only; every tip beside
-    the plane y = 0 then stands for itself and its image.
+    Args:
+        dome: The dome.
+        tips: K tips.
+        depths: (N, K) depths for which the mesh is made, mm. The run starts from the first row, or
+            from 0 where that is deeper.
+        mirror: Mesh the half y > 0 only. Every tip beside the plane y = 0 then stands for itself
+            and its image.
+        fineness: Element edges; None: the defaults.
+        settings: Settings of the increments and the Newton method.
+
+    Raises:
+        UserError: NGSolve is not installed.
+        ValueError: The depths have another shape or are not finite, or a tip does not fit the
+            mirror plane.
     """
 
     def __init__(
@@ -107,7 +122,7 @@ class SpatialPress:
         )
 
     def _set(self, level: float) -> None:
-        """Set the depths at a level: mm that the tip with the longest way has gone so far."""
+        """Set the depths at a level: the way so far of the tip with the longest way, mm."""
         self.depths = self._from + (level - self._since) * self._way
         for parameter, depth in zip(self._at, self.depths, strict=True):
             parameter.Set(float(depth))
@@ -120,9 +135,9 @@ class SpatialPress:
         for (material, young), pressure in zip(self.dome.moduli.items(), pressures, strict=True):
             stored = density(young, *spatial_strain(u), pressure)
             soft = stored - _COMPRESSIBILITY / (2 * young) * pressure * pressure
-            here = ngs.dx(definedon=self.mesh.Materials(material))
+            volume = ngs.dx(definedon=self.mesh.Materials(material))
             for form, energy in zip(forms, (stored, soft), strict=True):
-                form += ngs.Variation(energy.Compile() * here)
+                form += ngs.Variation(energy.Compile() * volume)
         for k in range(len(self.tips)):
             for form in forms:
                 form += self._push(k, u)
@@ -136,15 +151,16 @@ class SpatialPress:
         return ngs.Variation(energy.Compile() * ngs.ds(definedon=self.mesh.Boundaries("outer")))
 
     def _contact(self, k: int) -> Any:
-        """Return one tip's contact; its first derivative is the force on each degree of freedom."""
+        """Return the energy of one tip's contact; its first derivative is the force on the skin."""
         form = require_ngsolve().BilinearForm(self.space, symmetric=True)
         form += self._push(k, self.space.TrialFunction()[0])
         return form
 
     def move(self, depths: Array) -> None:
-        """Take the tips to (K,) depths, mm, on a straight way.
+        """Move the tips to (K,) depths, mm, on a straight way.
 
         Raises:
+            ValueError: The depths have another shape or are not finite.
             NotConvergedError: A run failed; the state is the last equilibrium on the way.
         """
         goal = np.asarray(depths, dtype=np.float64)
@@ -164,7 +180,7 @@ class SpatialPress:
         )
 
     def _force(self, k: int) -> Array:
-        """Return the force that the discrete equilibrium sees, at its own integration points."""
+        """Return the (3,) force of a tip in the discrete equilibrium, at its integration points."""
         ngs = require_ngsolve()
         resisting, shift = self.state.vec.CreateVector(), ngs.GridFunction(self.space)
         self._contacts[k].Apply(self.state.vec, resisting)

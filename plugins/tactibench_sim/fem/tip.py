@@ -17,7 +17,12 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Cushion:
-    """Contact stiffness: ``penalty`` in E_skin / mm, reached over ``rounding`` mm of overlap."""
+    """The stiffness of a contact.
+
+    Attributes:
+        penalty: Stiffness, E_skin / mm.
+        rounding: Overlap over which the stiffness is reached, mm.
+    """
 
     penalty: float
     rounding: float
@@ -25,16 +30,23 @@ class Cushion:
 
 SPHERE = Cushion(60.0, 0.01)
 PLATE = Cushion(20.0, 0.04)
-"""Softer: much of the skin comes into touch at once, at a small pressure."""
+"""Softer, because a plate touches much of the skin at once, at a small pressure."""
 
 
 @dataclass(frozen=True)
 class Tip:
-    """An indenter that goes from ``start`` along -axis as its depth grows from 0.
+    """An indenter that moves from ``start`` along -axis as its depth grows from 0.
 
-    start: the sphere's centre, or a point of the plate, mm from the dome's centre. axis: unit
-    vector along its rod, or the plate's normal, out of the dome. radius: mm, inf for a plate.
     At depth 0 it must not overlap the dome.
+
+    Attributes:
+        start: The sphere's centre, or a point of the plate, at depth 0, mm from the dome's centre.
+        axis: Unit vector along its rod, or the plate's normal, out of the dome.
+        radius: Radius of the sphere, mm; inf for a plate.
+
+    Raises:
+        ValueError: A number is not finite, the radius is not positive, or the axis is no unit
+            vector.
     """
 
     start: Vector
@@ -49,16 +61,29 @@ class Tip:
 
     @classmethod
     def along_axis(cls, dome: Dome, direction: Array, radius: float) -> Tip:
-        """Press towards the dome's centre from ``direction``; the depth is the penetration."""
+        """Return a tip that presses towards the dome's centre; its depth is the penetration.
+
+        Args:
+            dome: The dome.
+            direction: (3,) unit vector from the dome's centre to the tip.
+            radius: Radius of the sphere, mm; inf for a plate.
+        """
         reach = dome.outer + (0.0 if math.isinf(radius) else radius)
         n = np.asarray(direction, dtype=np.float64)
         return cls(_vector(reach * n), _vector(n), radius)
 
     @classmethod
     def downwards(cls, dome: Dome, x: float, y: float, radius: float) -> Tip:
-        """Press a sphere along -z beside the dome's axis; depth 0 touches. x, y: mm.
+        """Return a sphere that presses along -z beside the dome's axis; at depth 0 it touches.
 
-        Raises ValueError where it would pass the dome by.
+        Args:
+            dome: The dome.
+            x: Place of the sphere's axis, mm.
+            y: Place of the sphere's axis, mm.
+            radius: Radius of the sphere, mm.
+
+        Raises:
+            ValueError: The sphere would pass beside the dome.
         """
         square = (dome.outer + radius) ** 2 - x * x - y * y
         if not 0 < square < math.inf:
@@ -94,8 +119,9 @@ def overlap(square: Any, height: Any, radius: float) -> Any:
 
     Args:
         square: Squared distance from the indenter's axis.
-        height: Above its lowest point, against the pressing direction.
-        radius: mm, of the sphere that ends a rod; inf for a plate, which fills the half-space.
+        height: Height above the indenter's lowest point, against the pressing direction, mm.
+        radius: Radius of the sphere that ends a rod, mm; inf for a plate, which fills the
+            half-space.
     """
     if math.isinf(radius):
         return height
@@ -108,8 +134,12 @@ def overlap(square: Any, height: Any, radius: float) -> Any:
 def rounded_energy(inside: Any, cushion: Cushion) -> Any:
     """Return the energy of frictionless contact per area, twice continuously differentiable.
 
-    A penalty whose stiffness rises linearly from 0: Newton meets no kink when points come into
-    touch, which is what allows increments of a millimetre.
+    The stiffness of the penalty rises linearly from 0. So Newton meets no kink when points begin to
+    touch, which allows increments of a millimetre.
+
+    Args:
+        inside: Overlap, mm; negative: none.
+        cushion: Stiffness of the contact.
     """
     ngs = require_ngsolve()
     e = cushion.rounding

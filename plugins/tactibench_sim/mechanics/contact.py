@@ -1,4 +1,4 @@
-"""Scenes into arrays of touching tips; the closed-form geometry of tactibench.geometry, vectorised.
+"""Scenes as arrays of tips, by the closed-form geometry of tactibench.geometry, vectorised.
 
 A *tip* here is one spherical tip of one scene, or a plate's contact: n is the direction from the
 dome's centre to the tip's centre, delta the penetration along it (mm, negative: a gap).
@@ -18,7 +18,7 @@ from tactibench.geometry import DOME_RADIUS_MM
 
 Array = npt.NDArray[np.float64]
 STEEPEST_DEG = 55.0
-"""Beyond this polar angle a contact feels the clamped rim, which the tables do not know."""
+"""Polar angle beyond which the clamped rim affects a contact more than the tables include."""
 FARTHEST_MM = 100.0
 """A pose farther from the axis, or a longer move, is a mistake in units."""
 FARTHEST_TURN_DEG = 180.0
@@ -30,9 +30,12 @@ _SLACK = 0.01
 class Tips:
     """S scenes with up to K tips each.
 
-    xy: (S, K, 2) mm and depth: (S, K) mm, as in tactibench.Contacts; -inf: no tip, or one beside
-    the dome. radius: (S,) mm. move: (S, K, 2) mm that tips went sideways after they touched, to
-    where they are; None: no tip did.
+    Attributes:
+        xy: (S, K, 2) places, mm, as in tactibench.Contacts.
+        depth: (S, K) depths, mm, as in tactibench.Contacts; -inf: no tip, or one beside the dome.
+        radius: (S,) radii, mm; inf for a plate.
+        move: (S, K, 2) ways that tips moved sideways after they touched, to where they are, mm;
+            None: no tip moved.
     """
 
     xy: Array
@@ -53,13 +56,13 @@ class Tips:
         square = (self.xy**2).sum(axis=-1)
         plate = np.isinf(self.radius)[:, None]
         reach = DOME_RADIUS_MM + np.where(plate, 0.0, self.radius[:, None])
-        there = np.isfinite(self.depth)
-        sunk = np.where(there & ~plate, self.depth, 0.0)
+        exists = np.isfinite(self.depth)
+        sunk = np.where(exists & ~plate, self.depth, 0.0)
         height = np.sqrt(np.maximum(reach**2 - square, 0.0)) - sunk
         distance = np.sqrt(square + height**2)
         n = np.concatenate([self.xy, height[..., None]], axis=-1) / distance[..., None]
         delta = np.where(plate, self.depth, reach - distance)
-        return n, np.where(there, delta, -np.inf)
+        return n, np.where(exists, delta, -np.inf)
 
 
 UNTOUCHED = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, np.inf))
@@ -67,7 +70,12 @@ UNTOUCHED = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, np.in
 
 
 def tips_of(scenes: Sequence[Scene]) -> Tips:
-    """Return the tips of scenes on the dome. Raises UserError for a pose that is no press."""
+    """Return the tips of scenes on the dome.
+
+    Raises:
+        UserError: A pose or move is not finite or out of range, the depth is negative or not less
+            than the dome's radius, a spherical tip is tilted, or a plate by 90 deg or more.
+    """
     offsets, pose, radius = pose_arrays(scenes)
     for row in np.flatnonzero(_is_refused(pose, radius)):
         _refuse(scenes[int(row)])
@@ -83,18 +91,18 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
     xy += np.where(plate, 0.0, [x, y]).T[:, None, :]
     reach = DOME_RADIUS_MM + np.where(plate, 0.0, radius)[:, None]
     square = reach**2 - (xy**2).sum(axis=-1)
-    there = (square > 0) & np.isfinite(offsets[..., 2])
+    exists = (square > 0) & np.isfinite(offsets[..., 2])
     touch = np.where(plate[:, None], 0.0, np.sqrt(np.maximum(square, 0.0)) + offsets[..., 2])
-    touch = np.where(there, touch, -np.inf)
+    touch = np.where(exists, touch, -np.inf)
     first = touch.max(axis=1, keepdims=True)
     behind = np.where(np.isfinite(first), first, 0.0) - touch
     return Tips(xy, depth[:, None] - behind, radius, _moves(scenes, xy))
 
 
 def _moves(scenes: Sequence[Scene], xy: Array) -> Array | None:
-    """Return the (S, K, 2) mm that tips at xy went sideways; None where no pose moved.
+    """Return the (S, K, 2) ways that tips at xy moved sideways, mm; None where no pose moved.
 
-    A pose that turned by w takes a tip at r from its axis there from R(-w) r.
+    In a pose that turned by w, a tip at r from its axis came from R(-w) r.
     """
     if not any(scene.pose.moved for scene in scenes):
         return None
@@ -182,9 +190,12 @@ def _check_move(scene: Scene) -> None:
 
 
 def check_reach(n: Array, delta: Array, deepest: float) -> None:
-    """Raise UserError for a touching tip that is too deep or too steep for the tables.
+    """Raise UserError for a touching tip that is too deep or too steep for the tables, or NaN.
 
-    n: (S, K, 3), delta: (S, K).
+    Args:
+        n: (S, K, 3) directions of the tips.
+        delta: (S, K) penetrations, mm.
+        deepest: Greatest tabulated penetration, mm.
     """
     touching = delta > 0
     if np.isnan(n).any() or np.isnan(delta).any():

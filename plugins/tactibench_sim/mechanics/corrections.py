@@ -29,10 +29,12 @@ SIX = 6  # displacement and turn of the normal, along three axes
 class Corrections:
     """O and C of ``kernels``, as far as a file has them.
 
-    arrays: ``{around,pair}_{base,skin}_modes`` (R, A + 2, B + 2, 6), ``around_amounts``
-    (M, B + 2, D + 2, R) and ``pair_amounts`` (A + 2, D + 2, D + 2, R), all spline coefficients.
-    grid: ``around_radii`` (M,), ``pair_radius``, ``pair_even`` (how many modes are even), and steps
-    and starts: of patches in chords, of amounts in rad and mm.
+    Attributes:
+        arrays: ``{around,pair}_{base,skin}_modes`` (R, A + 2, B + 2, 6), ``around_amounts``
+            (M, B + 2, D + 2, R) and ``pair_amounts`` (A + 2, D + 2, D + 2, R), all spline
+            coefficients.
+        grid: ``around_radii`` (M,), ``pair_radius``, ``pair_even`` (the number of even modes), and
+            steps and starts: of patches in chords, of amounts in rad and mm.
     """
 
     arrays: Mapping[str, Array] = field(default_factory=dict)
@@ -49,10 +51,10 @@ class Corrections:
         return cls({name: content[name].astype(np.float64) for name in names}, grid)
 
     def without_plates(self) -> Corrections:
-        """Return the same without O for plates: of plates that hold the skin.
+        """Return the corrections without O for plates, as they are for plates that hold the skin.
 
-        Most of it is a sway. A tilted plate without friction lets the whole dome slide sideways by
-        up to 0.3 mm; a plate that the skin sticks to does not.
+        Most of that O is a sway. A tilted plate without friction lets the whole dome slide sideways
+        by up to 0.3 mm; a plate that the skin sticks to does not.
         """
         if "around_radii" not in self.grid:
             return self
@@ -60,20 +62,30 @@ class Corrections:
         return replace(self, grid={**self.grid, "around_radii": radii})
 
     def around(self, where: str, radii: Sequence[float]) -> Around:
-        """Return O for indenters in that order; zero for those that the file does not know."""
+        """Return O for indenters in the given order; zero for those that the file does not have.
+
+        Args:
+            where: Surface, "base" or "skin".
+            radii: Radii of the indenters, mm; inf for a plate.
+        """
         if "around_amounts" not in self.arrays:
             return Around(_no_modes(), np.zeros((len(radii), 4, 4, 4)), 1.0, 1.0)
-        known = [np.inf if radius is None else radius for radius in self.grid["around_radii"]]
+        tabulated = [np.inf if radius is None else radius for radius in self.grid["around_radii"]]
         table = self.arrays["around_amounts"]
         amounts = np.zeros((len(radii), *table.shape[1:]))
         for index, radius in enumerate(radii):
-            if radius in known:
-                amounts[index] = _from_nothing(table[known.index(radius)], (0, 1))
+            if radius in tabulated:
+                amounts[index] = _from_nothing(table[tabulated.index(radius)], (0, 1))
         modes = self._modes("around", where)
         return Around(modes, amounts, self.grid["beta_step"], self.grid["depth_step"])
 
     def pairs(self, where: str, radii: Sequence[float]) -> Pairs:
-        """Return C, for the one indenter that the file knows it for."""
+        """Return C for the one indenter for which the file has it.
+
+        Args:
+            where: Surface, "base" or "skin".
+            radii: Radii of the indenters, mm; inf for a plate.
+        """
         if "pair_amounts" not in self.arrays or self.grid["pair_radius"] not in radii:
             return Pairs(_no_modes(), np.zeros((4, 4, 4, 4)), 1.0, 1.0, -1)
         return Pairs(
@@ -87,7 +99,7 @@ class Corrections:
         )
 
     def _parity(self) -> Array:
-        """Return (R,) 1 for pair modes that exchanging the contacts keeps, -1 for the others."""
+        """Return (R,) 1 for pair modes that stay the same when the contacts swap, -1 for others."""
         count = self.arrays["pair_amounts"].shape[-1]
         return np.where(np.arange(count) < self.grid["pair_even"], 1.0, -1.0)
 
@@ -102,7 +114,7 @@ class Corrections:
 
 
 def _mirror(modes: Array) -> None:
-    """Make b = 0 an exact mirror plane: the file's numbers are rounded."""
+    """Make b = 0 an exact mirror plane, because the file's numbers are rounded."""
     odd, even = [1, 4], [0, 2, 3, 5]
     modes[:, :, 1, odd] = 0.0
     modes[:, :, 0, odd] = -modes[:, :, 2, odd]
@@ -120,7 +132,7 @@ def _from_nothing(amounts: Array, axes: Sequence[int]) -> Array:
 
 
 def _exchanged(amounts: Array, parity: Array) -> Array:
-    """Make exchanging the contacts change the sign of the odd modes, exactly."""
+    """Make the amounts exactly even or odd when the contacts swap, as the parity says."""
     mean: Array = (amounts + parity * amounts.swapaxes(1, 2)) / 2
     return mean
 

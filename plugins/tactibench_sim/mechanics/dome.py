@@ -2,15 +2,15 @@
 
 The field of a press starts from sum_i a_i T(angle to n_i; s_i) with T the tabulated single-contact
 field. Tier ``superpose``: a_i = 1, s_i = delta_i. Tier ``coupled``: a_i = e_i / s_i with effective
-depths e_i >= 0 such that every tip still reaches its depth or stands clear,
+depths e_i >= 0 such that every tip still reaches its depth or is clear of the skin,
 
     e_i >= 0,   g_i = sum_j a_j w(angle(n_i, n_j); s_j) - delta_i >= 0,   e_i g_i = 0,
 
 and s_i = max(delta_i, sum_j e_j same(n_i, n_j)) the depth whose shape tip i presses into the skin;
-``same`` is 1 for tips at one place and 0 from 1 mm on. So two coincident tips are one
-(a_1 + a_2 = 1), a tip that lies in another's dimple carries nothing, and one beside
-another's bulge carries more. Only the terms that a scene needs are evaluated: one contact costs the
-same in both tiers.
+``same`` is 1 for tips at one place and 0 from 1 mm on. So two coincident tips count as one
+(a_1 + a_2 = 1), a tip that lies in another's dimple carries nothing, and one in the bulge beside
+another carries more. Only the terms that a scene needs are evaluated: one contact costs the same in
+both tiers.
 """
 
 from __future__ import annotations
@@ -42,17 +42,28 @@ TABLE_TIERS = ("coupled", "superpose")
 
 
 class Mechanics(Protocol):
-    """A tier: how contacts displace the dome. Loads are whatever its own methods take."""
+    """A tier: how contacts displace the dome.
+
+    ``loads`` returns what the other methods of the same tier take.
+
+    Attributes:
+        tier: Name of the tier.
+        inner: Radius of the inner skin, mm.
+    """
 
     tier: str
     inner: float
 
     def loads(self, tips: Tips) -> Any:
-        """Solve for the loads of S scenes. Raises UserError for tips that it cannot press."""
+        """Solve for the loads of S scenes.
+
+        Raises:
+            UserError: The tier cannot press one of the scenes.
+        """
         ...
 
     def displacement(self, loads: Any, directions: Array) -> tuple[Array, Array]:
-        """Return the displacement (S, P, 3) of the pin bases, mm, and what turns their normals."""
+        """Return displacement of pin bases, mm, and turn of their normals, rad, each (S, P, 3)."""
         ...
 
     def pin_tips(self, loads: Any, directions: Array, length: float) -> Array:
@@ -65,7 +76,11 @@ class Mechanics(Protocol):
 
 
 def mechanics_for(tier: str, tables: Tables) -> Mechanics:
-    """Return the mechanics of a tier. Raises UserError for a name that is no tier."""
+    """Return the mechanics of a tier.
+
+    Raises:
+        UserError: ``tier`` is no tier, or it is ``fem`` and NGSolve is not installed.
+    """
     if tier in TABLE_TIERS:
         return TableMechanics(tables, tier)
     if tier == "fem":
@@ -77,10 +92,15 @@ def mechanics_for(tier: str, tables: Tables) -> Mechanics:
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Amplitudes a and shape depths s (S, K) of contacts at directions n (S, K, 3).
+    """The loads of S scenes with up to K contacts.
 
-    delta: (S, K) penetrations, mm. table: (S,) index of the indenter. strength: (S, K, K) of the
-    pairs' corrections, 0: none.
+    Attributes:
+        n: (S, K, 3) directions of the contacts.
+        delta: (S, K) penetrations, mm.
+        amplitude: (S, K) amplitudes a.
+        shape: (S, K) shape depths s, mm.
+        table: (S,) indices of the indenters.
+        strength: (S, K, K) strengths of the pairs' corrections; 0: none.
     """
 
     n: Array
@@ -93,7 +113,13 @@ class Loads:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One surface of the dome: its single-contact fields and their corrections."""
+    """One surface of the dome: its single-contact fields and their corrections.
+
+    Attributes:
+        singles: T of every indenter.
+        around: O of every indenter.
+        pairs: C of one indenter.
+    """
 
     singles: Meridians
     around: Around
@@ -101,7 +127,11 @@ class Surface:
 
 
 class TableMechanics:
-    """The dome by tables: loads of presses, the pins' tips and the outer skin's displacement."""
+    """The dome by tables: loads of presses, the pins' tips and the outer skin's displacement.
+
+    Raises:
+        UserError: ``tier`` is none of TABLE_TIERS.
+    """
 
     def __init__(self, tables: Tables, tier: str) -> None:
         if tier not in TABLE_TIERS:
@@ -141,8 +171,8 @@ class TableMechanics:
         single contact at the apex; 0 where it carries nothing.
         """
         tabulated = self._force_of(loads.shape)
-        own = loads.table[:, None, None]
-        single = np.take_along_axis(tabulated, np.broadcast_to(own, (*loads.shape.shape, 1)), 2)
+        index = loads.table[:, None, None]
+        single = np.take_along_axis(tabulated, np.broadcast_to(index, (*loads.shape.shape, 1)), 2)
         out: Array = loads.amplitude * np.maximum(single[..., 0], 0.0)
         return out
 
@@ -167,7 +197,7 @@ class TableMechanics:
         """Return the displacement of pin bases, mm, and the turn of their normals, rad.
 
         Args:
-            loads: Of S scenes.
+            loads: Loads of S scenes.
             directions: (P, 3) unit vectors from the dome's centre.
 
         Returns:
@@ -209,7 +239,13 @@ def tips_of_pins(
 ) -> Array:
     """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm.
 
-    A pin is a lever: it stands on the inner skin, radius ``inner`` mm, and turns with its normal.
+    A pin is a lever: it stands on the inner skin and turns with its normal.
+
+    Args:
+        inner: Radius of the inner skin, mm.
+        directions: (P, 3) unit vectors of the pins.
+        displacement: u and q of the pin bases, each (S, P, 3), mm and rad.
+        length: Length of the pins, mm.
     """
     u, q = displacement
     angle = np.sqrt((q * q).sum(axis=-1, keepdims=True))
@@ -239,7 +275,7 @@ def _surface(
 
 
 def _over_sine(field: Array, sine: Array) -> Array:
-    """Divide an odd field by sin: even and smooth, its value on the axis from its neighbours."""
+    """Divide an odd field by sin; the result is even, its value on the axis from its neighbours."""
     out = np.empty_like(field)
     out[:, 1:] = field[:, 1:] / sine[1:]
     out[:, 0] = (15 * out[:, 1] - 6 * out[:, 2] + out[:, 3]) / 10  # even quartic through three
@@ -249,8 +285,8 @@ def _over_sine(field: Array, sine: Array) -> Array:
 def meridians(depth: Array, polar: Array, values: Sequence[Sequence[Array]]) -> Meridians:
     """Make tables of axisymmetric fields ready for look-up: a cubic spline in Hermite form.
 
-    Depth is resolved first, once per contact, which leaves one short table in the polar angle; the
-    pins of that contact then look up only that.
+    Depth is interpolated first, once per contact, which leaves one short table in the polar angle.
+    All pins then look up in that table only.
 
     Args:
         depth: (D,) mm, uniform from 0.

@@ -1,10 +1,11 @@
 """Tables of sideways drag: what the skin does when a tip that sticks to it is pulled sideways.
 
 A tip presses the apex and is pulled along the skin. For each unit of sideways force the skin moves
-by a field that goes with cos(phi) inward (W) and away from the contact (A) and with sin(phi) along
-the circles around it (V), phi from the direction of the pull. The file has them for some radii and
-depths, from three-dimensional finite elements; between radii they are splines in log R at one share
-of the greatest depth. The skin under the tip moves by the compliance times the force.
+by a field that is proportional to cos(phi) inward (W) and away from the contact (A) and to sin(phi)
+along the circles around it (V), with phi measured from the direction of the pull. The file has
+these fields for some radii and depths, from three-dimensional finite elements; between radii they
+are splines in log R at one share of the greatest depth. The skin under the tip moves by the
+compliance times the force.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from tactibench_sim.mechanics.tip_tables import between, deepest
 Array = npt.NDArray[np.float64]
 FILE = "drag.npz"
 SCRIPT = "scripts/fem/tabulate_drag.py"
-"""The file's maker, which stands in the repository and not in the package."""
+"""Script that makes the file; it is in the repository and not in the package."""
 SHARES = (0.05, 0.125, 0.25, 0.375, 0.5, 0.65, 0.8, 1.0)
-"""Depths of the runs, of each tip's greatest. Below the first one its field stands: the friction
-that can pull a light contact is small, whatever the skin does for each unit of it."""
+"""Depths of the runs, in shares of each tip's greatest. Below the first one its field is taken: the
+friction that can pull a light contact is small, whatever the skin does for each unit of it."""
 QUANTITIES = 5
 DEPTH_NODES, POLAR_STEP_DEG = 65, 0.5
 """Fineness of the tables that are looked up linearly."""
@@ -37,8 +38,14 @@ DEPTH_NODES, POLAR_STEP_DEG = 65, 0.5
 class TipDrag:
     """The response of both skins to a unit of sideways force of one tip, E_skin mm^2.
 
-    inner, outer: (D, T, 5) W, A, V in mm and two turns of the normal in rad (0 for the outer skin),
-    at uniform depths and polar angles from 0. compliance: (D,) mm. depth_step: mm. polar_step: rad.
+    Depths and polar angles are uniform, from 0.
+
+    Attributes:
+        inner: (D, T, 5) W, A, V of the inner skin, mm, and two turns of its normal, rad.
+        outer: (D, T, 5) likewise of the outer skin, whose turns are 0.
+        compliance: (D,) ways of the skin under the tip, mm.
+        depth_step: Step of the depths, mm.
+        polar_step: Step of the polar angles, rad.
     """
 
     inner: Array
@@ -53,17 +60,22 @@ class TipDrag:
         return self.depth_step * (len(self.compliance) - 1)
 
     def compliance_at(self, depth: Array) -> Array:
-        """Return what a unit of force moves the skin under the tip at depths of any shape, mm."""
+        """Return how far a unit of force moves the skin under the tip, mm, at depths, mm."""
         nodes = self.depth_step * np.arange(len(self.compliance))
         return np.asarray(np.interp(depth, nodes, self.compliance), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class DragTables:
-    """Content of the file. radii: (K,) mm, the last a plate's. ends: (K,) greatest depths, mm.
+    """The content of a file of drag.
 
-    field: (K, D, 2, 3, T) W, A, V of the inner and outer skin at SHARES of the depth; compliance:
-    (K, D). inner, outer: radii of the skins, mm.
+    Attributes:
+        parameters: Parameters of the finite-element runs, ``dome`` among them.
+        digest: Checksum of the file.
+        radii: (K,) radii, mm, the last one of a plate.
+        ends: (K,) greatest depths, mm.
+        field: (K, D, 2, 3, T) W, A, V of the inner and the outer skin at SHARES of the depth.
+        compliance: (K, D) ways of the skin under the tip, mm.
     """
 
     parameters: dict[str, Any]
@@ -74,7 +86,11 @@ class DragTables:
     compliance: Array
 
     def tip(self, radius: float) -> TipDrag:
-        """Return the tables of a tip whose radius the press has tables for, inf for a plate."""
+        """Return the tables of a tip.
+
+        Args:
+            radius: A radius for which there are tables of presses, mm; inf for a plate.
+        """
         shares = np.array(SHARES)
         rows = np.flatnonzero(self.radii == radius)
         if len(rows):
@@ -88,9 +104,12 @@ class DragTables:
 
     def _at_shares(self, k: int, end: float) -> tuple[Array, Array]:
         """Return field and compliance of one radius at SHARES of another greatest depth."""
-        own, wanted = self.ends[k] * np.array(SHARES), end * np.array(SHARES)
-        wanted = wanted.clip(own[0])
-        return CubicSpline(own, self.field[k])(wanted), CubicSpline(own, self.compliance[k])(wanted)
+        nodes, wanted = self.ends[k] * np.array(SHARES), end * np.array(SHARES)
+        wanted = wanted.clip(nodes[0])
+        return (
+            CubicSpline(nodes, self.field[k])(wanted),
+            CubicSpline(nodes, self.compliance[k])(wanted),
+        )
 
     def _fine(self, end: float, shares: Array, field: Array, compliance: Array) -> TipDrag:
         depth = np.linspace(0.0, end, DEPTH_NODES)
@@ -119,7 +138,11 @@ class DragTables:
 
 
 def read(path: Path) -> DragTables:
-    """Read a file of drag. Raises UserError where it is unreadable or its hash does not fit."""
+    """Read a file of drag.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     remedy = f"reinstall tactibench or make it again with {SCRIPT}."
     return data_file.read(path, "the tables of sideways drag", remedy, _tables)
 

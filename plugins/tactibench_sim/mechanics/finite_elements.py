@@ -1,7 +1,7 @@
 """Tier ``fem``: a three-dimensional finite-element run of every scene, tens of seconds each.
 
-It needs no tables but their dome's dimensions: tips of any radius, contacts near the rim and scenes
-of many tips are computed as they are. A sphere is the end of a rod along z.
+From the tables it takes the dome's dimensions only: tips of any radius, contacts near the rim and
+scenes of many tips are computed as they are. A sphere is the end of a rod along z.
 """
 
 from __future__ import annotations
@@ -25,15 +25,17 @@ from tactibench_sim.mechanics.tables import Tables
 Array = npt.NDArray[np.float64]
 Sample = Callable[[SpatialField, Array], Array]
 STEEPEST_DEG = 70.0
-"""Beyond it a tip would press on the clamped rim itself."""
+"""Polar angle beyond which a tip would press on the clamped rim itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class FemLoads:
     """Solved scenes.
 
-    fields: one a scene, None where nothing touches. azimuth: (S,) rad by which each scene was
-    turned about z so that its tips stand on the x axis, where they can.
+    Attributes:
+        fields: One field a scene; None where nothing touches.
+        azimuth: (S,) angles, rad, by which each scene was turned about z so that its tips stand on
+            the x axis; 0 where they cannot.
     """
 
     fields: tuple[SpatialField | None, ...]
@@ -43,7 +45,8 @@ class FemLoads:
 class FemMechanics:
     """The dome of ``tables`` by finite elements, one run a scene.
 
-    Raises UserError without NGSolve.
+    Raises:
+        UserError: NGSolve is not installed.
     """
 
     tier = "fem"
@@ -55,7 +58,11 @@ class FemMechanics:
         self.fineness = fineness
 
     def loads(self, tips: Tips) -> FemLoads:
-        """Run every scene. Raises UserError where a run does not converge or is out of reach."""
+        """Run every scene.
+
+        Raises:
+            UserError: A run does not converge, or a tip is too deep or too steep.
+        """
         n, delta = tips.directions()
         self._check(n, delta)
         solved = [self._run(tips, delta[row], row) for row in range(len(tips))]
@@ -152,7 +159,9 @@ class FemMechanics:
 def turn(directions: Array, normals: Array) -> Array:
     """Return the rotation vectors q (..., 3), rad: the normal b has turned by |q| towards q.
 
-    directions, normals: (..., 3) unit normals before and after.
+    Args:
+        directions: (..., 3) unit normals b before the turn.
+        normals: (..., 3) unit normals after it.
     """
     up = (directions * normals).sum(axis=-1, keepdims=True)
     side = normals - up * directions
@@ -163,6 +172,6 @@ def turn(directions: Array, normals: Array) -> Array:
 
 
 def _about_z(azimuth: float) -> Array:
-    """Return the (3, 3) matrix whose product from the left of row vectors turns them back."""
+    """Return the (3, 3) matrix M for which v @ M turns row vectors v back by the azimuth."""
     c, s = math.cos(azimuth), math.sin(azimuth)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -7,11 +7,12 @@ J. Appl. Mech. 16, 1949), which begins as m / C and ends at Coulomb's limit mu F
     Q(m) = mu F (1 - (1 - min(|m| / (1.5 mu F C), 1))^1.5)    along m,
 
 with C the compliance and F the tip's normal force. Where other tips already pull the skin along, m
-is what is left, so the forces are solved for together. What the skin followed, s = C Q + sum over
-other tips, is a part of the way on which the tip did not slide: a spherical tip presses the skin's
-point s before the place where it ends. Skin that other tips raise it presses so much deeper. The
-field is that of the press there plus Q times the tabulated drag. Left out: the twist of a tip about
-its own axis, what the clamped rim changes in the drag, and what friction does on the way down.
+is the rest of the way, so the forces are solved for together. The way that the skin followed,
+s = C Q + sum over other tips, is a part of the way on which the tip did not slide: a spherical tip
+presses the point of the skin that lies s before the place where it ends. It presses deeper where
+other tips raise the skin. The field is that of the press there plus Q times the tabulated drag.
+Left out are the twist of a tip about its own axis, what the clamped rim changes in the drag, and
+what friction does on the way down.
 """
 
 from __future__ import annotations
@@ -51,8 +52,12 @@ class ForceMechanics(Mechanics, Protocol):
 class Pull:
     """Tips of one radius that pull the skin sideways.
 
-    rows: (S,) scenes of the batch. table: of the tip. n: (S, K, 3) directions in which they press.
-    delta: (S, K) mm. force: (S, K, 3) on the skin, E_skin mm^2, tangential.
+    Attributes:
+        rows: (S,) rows of the scenes in the batch.
+        table: Drag tables of the tip.
+        n: (S, K, 3) directions in which the tips press.
+        delta: (S, K) penetrations, mm.
+        force: (S, K, 3) tangential forces on the skin, E_skin mm^2.
     """
 
     rows: Index
@@ -70,7 +75,12 @@ class Pull:
 
 @dataclass(frozen=True, eq=False)
 class DraggedLoads:
-    """Loads of presses and the pulls of those that move sideways."""
+    """Loads of presses and the pulls of those that move sideways.
+
+    Attributes:
+        pressed: Loads of the mechanics without friction.
+        pulls: Pulls, one for each radius.
+    """
 
     pressed: Any
     pulls: tuple[Pull, ...]
@@ -88,7 +98,7 @@ class FrictionMechanics:
         """Solve for how the tips share the load and how far the skin follows them.
 
         Raises:
-            UserError: As the mechanics without friction.
+            UserError: The mechanics without friction cannot press one of the scenes.
         """
         pressed = self.frictionless.loads(tips)
         if tips.move is None:
@@ -109,7 +119,7 @@ class FrictionMechanics:
     def _pull(
         self, tips: Tips, n: Array, delta: Array, forces: Array, rows_of: Mapping[float, Index]
     ) -> tuple[tuple[Pull, ...], Tips]:
-        """Return the pulls of tips under normal forces (S, K), and the presses that they leave."""
+        """Return the pulls of tips under normal forces (S, K), and the tips as they press then."""
         assert tips.move is not None  # noqa: S101 - the caller has looked
         pulls, followed, raised = [], np.zeros_like(n), np.zeros_like(delta)
         for radius, rows in rows_of.items():
@@ -134,7 +144,7 @@ class FrictionMechanics:
         return tuple(Pull(rows, table, at[rows], deep[rows], f) for rows, table, f in pulls), behind
 
     def displacement(self, loads: DraggedLoads, directions: Array) -> tuple[Array, Array]:
-        """Return the displacement (S, P, 3) of the pin bases, mm, and what turns their normals."""
+        """Return displacement of pin bases, mm, and turn of their normals, rad, each (S, P, 3)."""
         u, q = self.frictionless.displacement(loads.pressed, directions)
         for pull in loads.pulls:
             pull.add(pull.table.inner, directions, u, q)
@@ -170,9 +180,9 @@ def _behind(tips: Tips, n: Array, delta: Array, followed: Array, raised: Array) 
     """Return tips in the directions of the points of the skin that they press.
 
     A point at the angle a from the tip's direction lies (R_d - delta) tan(a) beside its axis. Skin
-    that other tips raised is pressed so much deeper.
+    that other tips raised is pressed deeper by that.
     """
-    moved = (followed != 0).any(axis=-1) | (raised != 0)  # what did not move stays to the last bit
+    moved = (followed != 0).any(axis=-1) | (raised != 0)  # all others stay exactly as they are
     sphere = np.isfinite(tips.radius)[:, None] & np.isfinite(tips.depth) & moved
     reach = DOME_RADIUS_MM + np.where(np.isfinite(tips.radius), tips.radius, 0.0)[:, None]
     delta = np.where(sphere, delta, 0.0)
@@ -207,7 +217,7 @@ def _respond(  # type: ignore[no-untyped-def]
         hx = (b[0] - cosine * n[0]) / sine
         hy = (b[1] - cosine * n[1]) / sine
         hz = (b[2] - cosine * n[2]) / sine
-    else:  # any direction will do; that of the pull makes it go with cos alone
+    else:  # any direction is right; that of the pull leaves the terms with cos alone
         size = math.sqrt(px * px + py * py + pz * pz) + _TINY
         hx, hy, hz = px / size, py / size, pz / size
     fx, fy, fz = n[1] * hz - n[2] * hy, n[2] * hx - n[0] * hz, n[0] * hy - n[1] * hx
@@ -236,7 +246,20 @@ def _respond(  # type: ignore[no-untyped-def]
 def _add_field(  # type: ignore[no-untyped-def]
     table, depth_step, polar_step, rows, n, delta, pull, directions, u, q
 ):
-    """Add the pulls of some rows of a batch to u and q (S, P, 3). n, pull: (R, K, 3)."""
+    """Add the pulls of some rows of a batch to u and q.
+
+    Args:
+        table: (D, T, 5) response of one skin (``TipDrag``).
+        depth_step: Step of the depths, mm.
+        polar_step: Step of the polar angles, rad.
+        rows: (R,) rows of the batch.
+        n: (R, K, 3) directions of the tips.
+        delta: (R, K) penetrations, mm.
+        pull: (R, K, 3) forces, E_skin mm^2.
+        directions: (P, 3) unit vectors.
+        u: (S, P, 3) displacement, mm, to which the pulls are added.
+        q: (S, P, 3) turn of the normals, rad, likewise.
+    """
     for r in range(len(n)):
         for i in range(n.shape[1]):
             x, y, z = pull[r, i, 0], pull[r, i, 1], pull[r, i, 2]
@@ -258,14 +281,24 @@ def _add_field(  # type: ignore[no-untyped-def]
 def _share(  # type: ignore[no-untyped-def]
     table, depth_step, polar_step, n, delta, wish, limit, compliance
 ):
-    """Return the tips' sideways forces and how far the skin under them follows, each (S, K, 3).
+    """Return the sideways forces of tips and the ways by which the skin under them moves.
 
-    Third comes (S, K), how far other tips raise the skin under each tip, mm.
+    By Gauss-Seidel: each tip in turn takes the force that belongs to the part of its move which the
+    others leave. The law of one tip is the slope of a convex energy, so the rounds converge.
 
-    Gauss and Seidel: each tip in turn takes the force that what the others leave of its move asks
-    for. The law of one tip is the slope of a convex energy, so the rounds converge.
+    Args:
+        table: (D, T, 5) response of the outer skin (``TipDrag``).
+        depth_step: Step of the depths, mm.
+        polar_step: Step of the polar angles, rad.
+        n: (S, K, 3) directions of the tips.
+        delta: (S, K) penetrations, mm.
+        wish: (S, K, 3) tangential moves of the tips, mm.
+        limit: (S, K) greatest forces, E_skin mm^2.
+        compliance: (S, K) way of the skin per unit of force, mm.
 
-    wish: (S, K, 3) mm, tangential moves. limit: (S, K) greatest forces. compliance: (S, K).
+    Returns:
+        (S, K, 3) forces, E_skin mm^2; (S, K, 3) ways by which the skin follows, mm; and (S, K) how
+        far other tips raise the skin under each tip, mm.
     """
     force, followed, raised = np.zeros_like(wish), np.zeros_like(wish), np.zeros_like(limit)
     count = n.shape[1]

@@ -29,24 +29,27 @@ Index = npt.NDArray[np.intp]
 Six = tuple[float, float, float, float, float, float]
 
 REACH_MM = 1.0
-"""Tips this far above the skin may still be met by a bulge, which is never that high."""
+"""Tips up to this far above the skin may be met by a bulge, which is never that high."""
 POWER = 1.5
 """Exponent with which a pair's correction fades with its loads; fitted to two runs of triples 8 mm
 apart."""
-_ROUNDS = 60  # two or three do, unless a bulge lifts a tip
-_SHALLOW = 1e-6  # depth, mm, whose shape stands for a tip that does not press yet
+_ROUNDS = 60  # two or three are enough, unless a bulge lifts a tip
+_SHALLOW = 1e-6  # depth, mm, whose shape is taken for a tip that does not press yet
 _REGULAR = 1e-10  # splits the load of exactly coincident tips evenly
 _STRETCH = 512  # numbers that are summed up while they stay in the fastest cache
-_LIGHT = 0.05  # amplitude of a contact so light that its pairs fade out
-_APART = 0.05  # rad (1 mm): contacts nearer than this begin to be one
-_APEX = 1e-9  # sine of an angle below which "down the side" or "to the other" is no direction
+_LIGHT = 0.05  # amplitude below which the pairs of a light contact fade out
+_APART = 0.05  # rad (1 mm): contacts nearer than this begin to count as one
+_APEX = 1e-9  # sine of an angle below which "down the side" or "to the other" has no direction
 
 
 class Meridians(NamedTuple):
     """Axisymmetric fields of M indenters, on D uniform depths from 0 and T uniform angles from 0.
 
-    value: (M, D, T, 2 Q) quantities, each with its slope in the angle. rate: their derivatives by
-    depth. depth_step: mm. polar_step: rad.
+    Attributes:
+        value: (M, D, T, 2 Q) quantities, each with its slope in the angle.
+        rate: (M, D, T, 2 Q) their derivatives by depth.
+        depth_step: Step of the depths, mm.
+        polar_step: Step of the angles, rad.
     """
 
     value: Array
@@ -58,9 +61,12 @@ class Meridians(NamedTuple):
 class Modes(NamedTuple):
     """R modes of a patch.
 
-    grid: (R, A + 2, B + 2, C) spline coefficients on a = start.., b = 0.. in steps, chords.
-    C is 6 for the pin bases (displacement mm and turn of the normal rad, each along e, f, m), or
-    1 for the inward displacement of the outer skin. b < 0 is the mirror image.
+    Attributes:
+        grid: (R, A + 2, B + 2, C) spline coefficients at a = start, start + step, ... and
+            b = 0, step, ... Those at b < 0 are the mirror image. C is 6: displacement, mm, and turn
+            of the normal, rad, each along e, f, m.
+        step: Step of the grid, chords.
+        start: First a of the grid, chords.
     """
 
     grid: Array
@@ -71,8 +77,11 @@ class Modes(NamedTuple):
 class Around(NamedTuple):
     """O of every indenter.
 
-    amounts: (M, B + 2, D + 2, R) spline coefficients of the modes' amounts over beta (steps of
-    beta_step rad) and depth (depth_step mm).
+    Attributes:
+        modes: The modes of the patches.
+        amounts: (M, B + 2, D + 2, R) spline coefficients of the modes' amounts over beta and depth.
+        beta_step: Step of beta, rad.
+        depth_step: Step of the depth, mm.
     """
 
     modes: Modes
@@ -82,10 +91,15 @@ class Around(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """C of one indenter, whose index is ``indenter`` (-1: there is none).
+    """C of one indenter.
 
-    amounts: (A + 2, D + 2, D + 2, R) spline coefficients of the modes' amounts over the angle
-    between two contacts (angle_step rad) and both penetrations (depth_step mm).
+    Attributes:
+        modes: The modes of the patches.
+        amounts: (A + 2, D + 2, D + 2, R) spline coefficients of the modes' amounts over the angle
+            between two contacts and both penetrations.
+        angle_step: Step of the angle, rad.
+        depth_step: Step of the penetrations, mm.
+        indenter: Index of the indenter; -1: there is none.
     """
 
     modes: Modes
@@ -197,7 +211,16 @@ def look_up(
 ) -> Six:
     """Return six numbers along e, f, m of a blended patch in the direction (x, y, z).
 
-    grid: (A + 2, B + 2, 6). frame: (3, 3) with rows e, f, m. Beyond the border lies its value.
+    Beyond its border the patch has the value at the border.
+
+    Args:
+        grid: (A + 2, B + 2, 6) spline coefficients.
+        step: Step of the grid, chords.
+        start: First place along e, chords.
+        frame: (3, 3) with rows e, f, m.
+        x: Component of a unit vector.
+        y: Component of a unit vector.
+        z: Component of a unit vector.
     """
     along = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
     across = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
@@ -227,8 +250,14 @@ def couple(
 ) -> tuple[Array, Array, Array]:
     """Return the loads a, s (S, K) and the strengths (S, K, K) of the pairs' corrections.
 
-    skin, pairs: of the outer skin. table: (S,) index of the indenter. n: (S, K, 3) directions,
-    delta: (S, K) penetrations mm. Scenes are solved one by one.
+    Scenes are solved one by one.
+
+    Args:
+        skin: Fields of the outer skin.
+        pairs: Pair corrections of the outer skin.
+        table: (S,) indices of the indenters.
+        n: (S, K, 3) directions of the tips.
+        delta: (S, K) penetrations, mm.
     """
     amplitude, shape = np.zeros_like(delta), np.zeros_like(delta)
     strength = np.ones((*delta.shape, delta.shape[1]))
@@ -239,7 +268,7 @@ def couple(
         if len(near) == 1:
             amplitude[scene, near[0]], shape[scene, near[0]] = 1.0, delta[scene, near[0]]
             continue
-        # In one order, the deepest first: where tips coincide the iteration would remember theirs.
+        # In a fixed order, or the result for coincident tips would depend on theirs.
         near = _ordered(near, n[scene], delta[scene])
         at, deep = n[scene][near], delta[scene][near]
         effective, depth = _share(skin, table[scene], at, deep, np.zeros(len(near)))
@@ -271,8 +300,8 @@ def _share_again(
 ) -> tuple[Array, Array, Array]:
     """Return effective depths, shapes and pair strengths (K, K) of more than two contacts.
 
-    A pair's correction also moves the skin under a third contact, which then carries more or less;
-    and it is as strong as the loads that the pair still has:
+    A pair's correction also moves the skin under a third contact, which then carries more or less.
+    Its strength follows the loads that the pair still has:
     ((a_i a_j) / (a_i a_j of the pair alone))^POWER.
     """
     count = len(delta)
@@ -316,14 +345,14 @@ def _share_again(
 
 @jit
 def _load_at(i: int, but: int, n: Array, effective: Array, depth: Array) -> float:
-    """Return the amplitude of all contacts at the place of contact i together (not ``but``)."""
+    """Return the amplitude of all contacts at the place of contact i together, without ``but``."""
     total = effective[i] + load_beside(i, but, n, effective)
     return total / depth[i] if depth[i] > 0.0 else 0.0
 
 
 @jit
 def _ordered(tips: Index, n: Array, delta: Array) -> Index:
-    """Sort by insertion: deepest first, then by direction."""
+    """Return the tips in order, deepest first, then by direction."""
     out = tips.copy()
     for i in range(1, len(out)):
         for j in range(i, 0, -1):
@@ -344,14 +373,14 @@ def same(first: Array, second: Array) -> float:
 
 @jit
 def fade(amplitude: float) -> float:
-    """Return 1 for a contact that carries load, falling smoothly to 0 for one without any."""
+    """Return 1 for a contact that carries load, falling smoothly to 0 for one without load."""
     x = min(amplitude / _LIGHT, 1.0)
     return x * x * (3.0 - 2.0 * x)
 
 
 @jit
 def load_beside(i: int, but: int, n: Array, effective: Array) -> float:
-    """Return the effective depth of others at the place of contact i, those at ``but`` left out."""
+    """Return the effective depth of others at the place of contact i, without those at ``but``."""
     others = 0.0
     for j in range(len(effective)):
         if j != i and j != but:
@@ -370,9 +399,14 @@ def own_share(i: int, but: int, n: Array, effective: Array) -> float:
 def _share(
     skin: Meridians, table: int, n: Array, delta: Array, extra: Array
 ) -> tuple[Array, Array]:
-    """Return effective depths e and shape depths s, each (K,), of one scene.
+    """Return effective depths e and shape depths s, each (K,), mm, of one scene.
 
-    extra: (K,) mm that the skin under each tip has moved inward without the loads.
+    Args:
+        skin: Fields of the outer skin.
+        table: Index of the indenter.
+        n: (K, 3) directions of the tips.
+        delta: (K,) penetrations, mm.
+        extra: (K,) mm by which the skin under each tip has moved inward without the loads.
     """
     count = len(delta)
     effective, shape = np.zeros(count), np.maximum(delta, 0.0)
@@ -401,7 +435,7 @@ def _share(
 
 @jit
 def _complementarity(matrix: Array, delta: Array, effective: Array) -> None:
-    """Solve e >= 0, M e - delta >= 0, complementary, by projected Gauss-Seidel."""
+    """Solve e >= 0, M e - delta >= 0, complementary: projected Gauss-Seidel, then exactly."""
     effective[:] = 0.0
     for sweeps in (20, 80, 400, 2000):
         for _ in range(sweeps):
@@ -418,7 +452,7 @@ def _complementarity(matrix: Array, delta: Array, effective: Array) -> None:
 
 @jit
 def _solve(matrix: Array, delta: Array, active: npt.NDArray[np.bool_]) -> Array:
-    """Solve for a given active set; zero elsewhere."""
+    """Return the solution for a given active set; zero elsewhere."""
     system, right = np.eye(len(delta)), np.zeros(len(delta))
     for i in range(len(delta)):
         if active[i]:
@@ -486,7 +520,17 @@ def pair_amounts(pairs: Pairs, angle: float, first: float, second: float, out: A
 def pair_strengths(
     pairs: Pairs, a: Array, b: Array, first: float, second: float, frame: Array, amounts: Array
 ) -> bool:
-    """Fill frame and amounts of the modes of two contacts; False where there is no correction."""
+    """Fill frame and amounts of the modes of two contacts; False where there is no correction.
+
+    Args:
+        pairs: Corrections of pairs.
+        a: (3,) direction of the first contact.
+        b: (3,) direction of the second contact.
+        first: Penetration of the first contact, mm.
+        second: Penetration of the second contact, mm.
+        frame: (3, 3), filled with rows e, f, m.
+        amounts: (R,), filled.
+    """
     if not (first > 0.0 and second > 0.0):
         return False
     gap = b - a
@@ -500,7 +544,7 @@ def pair_strengths(
 
 @jit
 def patch_at(modes: Modes, amounts: Array, frame: Array, direction: Array, out: Array) -> None:
-    """Fill out with a patch in one direction, without blending the whole of it."""
+    """Fill out (6,) with a patch in one direction, without blending all of the patch."""
     out[:] = 0.0
     x, y, z = direction[0], direction[1], direction[2]
     for k in range(len(amounts)):
@@ -513,7 +557,16 @@ def patch_at(modes: Modes, amounts: Array, frame: Array, direction: Array, out: 
 def add_single(
     meridian: Array, step: float, n: Array, directions: Array, u: Array, q: Array
 ) -> None:
-    """Add T of one contact; meridian: (T, 6) w, t / sin and omega / sin with their slopes."""
+    """Add T of one contact.
+
+    Args:
+        meridian: (T, 6) w, t / sin and omega / sin with their slopes.
+        step: Step of the polar angle, rad.
+        n: (3,) direction of the contact.
+        directions: (P, 3) unit vectors.
+        u: (P, 3) displacement, mm, to which T is added.
+        q: (P, 3) turn of the normal, rad, likewise.
+    """
     for p in range(len(directions)):
         b = directions[p]
         cosine = min(max(n[0] * b[0] + n[1] * b[1] + n[2] * b[2], -1.0), 1.0)
@@ -531,7 +584,7 @@ def add_single(
 def add_patch(
     grid: Array, modes: Modes, frame: Array, directions: Array, u: Array, q: Array
 ) -> None:
-    """Add a blended patch."""
+    """Add a blended patch (A + 2, B + 2, 6) to u, mm, and q, rad, each (P, 3)."""
     for p in range(len(directions)):
         x, y, z = directions[p, 0], directions[p, 1], directions[p, 2]
         a, b, c, d, e, f = look_up(grid, modes.step, modes.start, frame, x, y, z)
@@ -555,7 +608,17 @@ def displace(
 ) -> tuple[Array, Array]:
     """Return u mm and q rad, each (S, P, 3), of S scenes at P directions.
 
-    n: (S, K, 3), delta, amplitude, shape: (S, K), table: (S,). strength: (S, K, K) of C.
+    Args:
+        n: (S, K, 3) directions of the tips.
+        delta: (S, K) penetrations, mm.
+        amplitude: (S, K) amplitudes a.
+        shape: (S, K) shape depths s, mm.
+        table: (S,) indices of the indenters.
+        strength: (S, K, K) strengths of C.
+        singles: T of the indenters.
+        around: O of the indenters.
+        pairs: C of one indenter.
+        directions: (P, 3) unit vectors.
     """
     count = (len(n), len(directions), 3)
     u, q = np.zeros(count), np.zeros(count)

@@ -25,15 +25,18 @@ from tactibench_sim.mechanics.corrections import Corrections
 FILE = "dome.npz"
 QUANTITIES = ("w", "t", "omega", "w_outer", "t_outer", "force")
 SCRIPT = "scripts/fem/tabulate_dome.py"
-"""The file's maker, which stands in the repository and not in the package."""
+"""Script that makes the file; it is in the repository and not in the package."""
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
     """The fields of one indenter.
 
-    radius: mm, inf for a plate. delta: (D,) penetration mm, from 0, uniform. polar: (T,) rad, from
-    0, uniform. fields: quantity -> (D, T), ``force`` -> (D,).
+    Attributes:
+        radius: Radius, mm; inf for a plate.
+        delta: (D,) penetrations, mm, from 0, uniform.
+        polar: (T,) polar angles, rad, from 0, uniform.
+        fields: Quantity -> (D, T), ``force`` -> (D,).
     """
 
     radius: float
@@ -49,7 +52,14 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The content of a table file. parameters: what the finite-element runs were given."""
+    """The content of a table file.
+
+    Attributes:
+        parameters: Parameters of the finite-element runs, ``dome`` among them.
+        digest: Checksum of the file.
+        by_radius: Radius, mm -> fields of that indenter; inf: a plate.
+        corrections: Corrections for the rim and for pairs.
+    """
 
     parameters: dict[str, Any]
     digest: str
@@ -63,7 +73,11 @@ def shape_name(radius: float) -> str:
 
 
 def read(path: Path) -> Tables:
-    """Read a table file. Raises UserError where it is unreadable or its hash does not fit."""
+    """Read a table file.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     remedy = f"reinstall tactibench or make it again with {SCRIPT}."
     return data_file.read(path, "the simulator's table", remedy, _tables)
 
@@ -82,7 +96,7 @@ def _tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -
 
 @lru_cache(maxsize=8)
 def holding_plates(nominal: Tables) -> Tables:
-    """Return the tables with plates that hold the skin (``Corrections.without_plates``)."""
+    """Return the tables for plates that hold the skin (``Corrections.without_plates``)."""
     return replace(nominal, corrections=nominal.corrections.without_plates())
 
 

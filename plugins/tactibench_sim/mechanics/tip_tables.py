@@ -27,15 +27,16 @@ from tactibench_sim.mechanics.tables import QUANTITIES, Table, Tables
 Array = npt.NDArray[np.float64]
 FILE = "tips.npz"
 SCRIPT = "scripts/fem/tabulate_tips.py"
-"""The file's maker, which stands in the repository and not in the package."""
+"""Script that makes the file; it is in the repository and not in the package."""
 SMALLEST_MM, LARGEST_MM = 1.0, 8.0
 DEEPEST_MM, DEEPEST_RADII = 4.0, 1.5
-"""Tips other than the nominal one are tabulated to 4 mm and to 1.5 of their radii: sharper presses
-turn elements of the skin inside out."""
+"""Tips other than the nominal one are tabulated to 4 mm, but at most to 1.5 of their radii: sharper
+presses turn elements of the skin inside out."""
 SHARES = 8
 """Steps of the corrections from no penetration to the greatest."""
 QUANTUM = 2e-4
-"""mm and rad; single fields are stored as whole numbers of it, which in two bytes reach 6.5 mm."""
+"""Step, mm and rad: single fields are stored as whole multiples of it, which reach 6.5 mm in two
+bytes."""
 
 
 def deepest(radius: float) -> float:
@@ -47,10 +48,17 @@ def deepest(radius: float) -> float:
 class TipTables:
     """Single contacts of K radii and their corrections.
 
-    radii: (K,) mm. delta: (D,) penetration mm and polar: (T,) rad, from 0, uniform. fields:
-    quantity -> (K, D, T), ``force`` (K, D). arrays: modes as in ``Corrections``, shared by all
-    radii; ``around_amounts`` (K, B + 2, SHARES + 3, R) and ``pair_amounts``
-    (L, A + 2, SHARES + 3, SHARES + 3, R) at pair_radii (L,) mm. grid: as in ``Corrections``.
+    Attributes:
+        parameters: Parameters of the finite-element runs; ``corrections`` among them is the grid of
+            ``Corrections``.
+        digest: Checksum of the file.
+        radii: (K,) radii, mm.
+        pair_radii: (L,) radii for which pairs were computed, mm.
+        delta: (D,) penetrations, mm, from 0, uniform.
+        polar: (T,) polar angles, rad, from 0, uniform.
+        fields: Quantity -> (K, D, T), ``force`` -> (K, D).
+        arrays: Modes as in ``Corrections``, shared by all radii; ``around_amounts``
+            (K, B + 2, SHARES + 3, R) and ``pair_amounts`` (L, A + 2, SHARES + 3, SHARES + 3, R).
     """
 
     parameters: dict[str, Any]
@@ -63,10 +71,14 @@ class TipTables:
     arrays: Mapping[str, Array]
 
     def tables(self, radius: float, *, pairs: bool = True) -> Tables:
-        """Return the tables of one tip, with or without the corrections for pairs.
+        """Return the tables of one tip.
+
+        Args:
+            radius: Radius of the tip, mm.
+            pairs: Whether to include the corrections for pairs.
 
         Raises:
-            UserError: The radius is not within those that were computed.
+            UserError: The radius is not between SMALLEST_MM and LARGEST_MM.
         """
         if not SMALLEST_MM <= radius <= LARGEST_MM:
             raise UserError(
@@ -94,7 +106,7 @@ class TipTables:
             "pair_radius": radius,
             "depth_step": end / SHARES,
         }
-        arrays = {name: one for name, one in self.arrays.items() if not name.endswith("amounts")}
+        arrays = {name: mode for name, mode in self.arrays.items() if not name.endswith("amounts")}
         around = between(self.radii, self.arrays["around_amounts"], radius)
         arrays["around_amounts"] = around[None]
         if pairs:
@@ -112,7 +124,11 @@ def between(radii: Array, values: Array, radius: float) -> Array:
 
 
 def read(path: Path) -> TipTables:
-    """Read a file of tips. Raises UserError where it is unreadable or its hash does not fit."""
+    """Read a file of tips.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     remedy = f"reinstall tactibench or make it again with {SCRIPT}."
     return data_file.read(path, "the tables of other tips", remedy, _tip_tables)
 

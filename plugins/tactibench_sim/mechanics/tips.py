@@ -1,7 +1,7 @@
 """The dome under tips of any radius: the nominal tables, and for other tips their own.
 
-A scene has tips of one radius, so a batch of scenes is parted by radius and each part is computed
-by its tables. Scenes of the published experiments, all R = 3 mm, are one part, at no extra cost.
+A scene has tips of one radius, so a batch of scenes is divided by radius and each part is computed
+from its tables. Scenes of the published experiments, all R = 3 mm, are one part, at no extra cost.
 """
 
 from __future__ import annotations
@@ -17,12 +17,18 @@ from tactibench_sim.mechanics.kernels import Array, Index
 from tactibench_sim.mechanics.tip_tables import shipped
 
 _KEPT = 16
-"""Radii whose tables are kept ready; a protocol presses a few."""
+"""Number of radii whose tables stay in memory; a protocol presses tips of a few radii."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Scenes (rows of a batch) of one radius, their mechanics and loads."""
+    """The scenes of a batch that have one radius.
+
+    Attributes:
+        rows: Rows of the scenes in the batch.
+        mechanics: Mechanics of that radius.
+        loads: Loads of these scenes.
+    """
 
     rows: Index
     mechanics: TableMechanics
@@ -62,9 +68,9 @@ class TipMechanics:
         return self._others[radius]
 
     def displacement(self, loads: tuple[Part, ...], directions: Array) -> tuple[Array, Array]:
-        """Return the displacement (S, P, 3) of the pin bases, mm, and what turns their normals."""
-        both = _joined(loads, lambda m, part: np.stack(m.displacement(part, directions), axis=1))
-        return both[:, 0], both[:, 1]
+        """Return displacement of pin bases, mm, and turn of their normals, rad, each (S, P, 3)."""
+        fields = _joined(loads, lambda m, part: np.stack(m.displacement(part, directions), axis=1))
+        return fields[:, 0], fields[:, 1]
 
     def pin_tips(self, loads: tuple[Part, ...], directions: Array, length: float) -> Array:
         """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
@@ -83,8 +89,8 @@ def _joined(parts: tuple[Part, ...], of: Callable[[TableMechanics, Loads], Array
     """Return what ``of`` gives for each part, in the order of the batch."""
     if len(parts) == 1:
         return of(parts[0].mechanics, parts[0].loads)
-    found = [of(part.mechanics, part.loads) for part in parts]
-    out = np.empty((sum(map(len, found)), *found[0].shape[1:]))
-    for part, values in zip(parts, found, strict=True):
+    results = [of(part.mechanics, part.loads) for part in parts]
+    out = np.empty((sum(map(len, results)), *results[0].shape[1:]))
+    for part, values in zip(parts, results, strict=True):
         out[part.rows] = values
     return out

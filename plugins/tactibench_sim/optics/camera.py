@@ -13,8 +13,8 @@ from tactibench_sim.optics.noise import Noise
 LENSES = ("pinhole", "fisheye")
 OUTPUTS = ("grey", "rgb", "bw")
 NUISANCES = ("shift", "roll", "zoom", "brightness", "background", "blur")
-"""Properties of the camera that ``bounds`` may take as unknown: moved in its plane; turned about
-its axis; its magnification; a gain of all grey levels; an offset of all grey levels; its focus."""
+"""Properties of the camera that ``bounds`` may take as unknown: shift in its plane; turn about its
+axis; magnification; a gain of all grey levels; an offset of all grey levels; focus."""
 
 
 @dataclass(frozen=True)
@@ -24,37 +24,55 @@ class Optics:
     Camera coordinates: origin in the entrance pupil, z along the optical axis into the gel, x right
     and y down in the frame, mm. Nothing here knows what the markers sit on. Pixel (row i, column j)
     has its centre at y = i, x = j; without offset the axis meets ((size - 1) / 2) twice. "Side" is
-    a frame's side. Raises UserError for numbers that no camera has.
+    a frame's side.
 
-    size: frame side, px.
-    camera_distance_mm: from the camera to the farthest point of the gel (a dome's apex). 55: a
-        public TacTip simulation.
-    lens: "pinhole" (r = f tan a) or "fisheye" (equidistant, r = f a), a the angle in air.
-    focal: sides. 0.956 puts the outermost pins of the real 331-pin rest frame 65 deg from the apex
-        (ten steps of 6.5 deg; assumed), a field of view of 55 deg.
-    principal_x, principal_y: where the axis meets the frame, from its middle, sides. roll_deg: turn
-        of the camera about its axis, x towards y. Zero: nominal.
-    gel_mm: gel (with skin) on the axis, from the farthest point to the window; 20: a dome filled to
-        its equator (assumed). gel_index 1.41: clear silicone gel (RTV27905 is one; assumed).
-    window_mm, window_index: acrylic plate, 1.49 (PMMA); 2 mm thick (assumed).
-    marker_radius_mm: of the white tips (assumed; the presets have those of the real sensors).
-    edge_px: half-width of a disc's smooth edge (blur of lens and pixel; assumed). blur_px: sigma of
-        a further Gaussian, 0: none.
-    vignetting: share v of the natural fall-off, light x (1 - v (1 - cos^4 a)); 0.3 assumed.
-    background, brightness: grey levels of gel and tips on the axis (assumed).
-    glare: light of the LEDs' reflections at the rim, 1: as bright as the tips, 0: none. leds: how
-        many, the first at glare_start_deg (x towards y). glare_radius: their circle, sides.
-        glare_width, glare_arc_deg: greatest thickness of an arc, sides, and its length. From the
-        real rest frames: radius 0.47, six LEDs, arcs of 27 deg (127 pins) to a closed ring (331).
-    glare_scatter: how irregular the arcs are, 0: all alike, 1: lengths and thicknesses differ by
-        factors of up to 2. glare_seed: which irregular arcs.
-    red, green, blue: of white light in output "rgb" (bluish LEDs, no white balance; assumed).
-    threshold_side, threshold_grey: output "bw" is white where a pixel exceeds the Gaussian-weighted
-        mean of the block around it by this much; 61 of 360 px and 5 as for the real Tac-VGNN frames
-        (``threshold`` in their meta.json).
-    output: "grey" (H, W), "rgb" (H, W, 3) or "bw" (H, W).
-    pin_loss: share of the markers that lost their white tip.
-    noise: shot and read noise.
+    Attributes:
+        size: Frame side, px.
+        camera_distance_mm: Distance from the camera to the farthest point of the gel (a dome's
+            apex). 55: a public TacTip simulation.
+        lens: "pinhole" (r = f tan a) or "fisheye" (equidistant, r = f a), a the angle in air.
+        focal: Focal length, sides. 0.956 puts the outermost pins of the real 331-pin rest frame 65
+            deg from the apex (ten steps of 6.5 deg; assumed), a field of view of 55 deg.
+        principal_x: Place where the axis meets the frame, from its middle, sides. Zero: nominal.
+        principal_y: Likewise.
+        roll_deg: Turn of the camera about its axis, x towards y. Zero: nominal.
+        gel_mm: Gel (with skin) on the axis, from the farthest point to the window; 20: a dome
+            filled to its equator (assumed).
+        gel_index: Refractive index of the gel. 1.41: clear silicone gel (RTV27905 is one; assumed).
+        window_mm: Thickness of the acrylic window; 2: assumed.
+        window_index: Refractive index of the window, 1.49 (PMMA).
+        marker_radius_mm: Radius of the white tips (assumed; the presets have those of the real
+            sensors).
+        edge_px: Half-width of a disc's smooth edge (blur of lens and pixel; assumed).
+        blur_px: Sigma of a further Gaussian; 0: none.
+        vignetting: Share v of the natural fall-off, light x (1 - v (1 - cos^4 a)); 0.3 assumed.
+        background: Grey level of the gel on the axis (assumed).
+        brightness: Grey level of the tips on the axis (assumed).
+        glare: Light of the LEDs' reflections at the rim; 1: as bright as the tips, 0: none. From
+            the real rest frames: radius 0.47, six LEDs, arcs of 27 deg (127 pins) to a closed ring
+            (331).
+        leds: Number of LEDs.
+        glare_start_deg: Azimuth of the first LED, x towards y.
+        glare_radius: Radius of the circle of the reflections, sides.
+        glare_width: Greatest thickness of an arc, sides.
+        glare_arc_deg: Length of an arc.
+        glare_scatter: Irregularity of the arcs; 0: all alike, 1: lengths and thicknesses differ by
+            factors of up to 2.
+        glare_seed: Seed from which irregular arcs are drawn.
+        red: Red share of white light in output "rgb" (bluish LEDs, no white balance; assumed).
+        green: Green share, likewise.
+        blue: Blue share, likewise.
+        threshold_side: Side of the block of output "bw", sides. A pixel is white where it exceeds
+            the Gaussian-weighted mean of the block around it by ``threshold_grey``. 61 of 360 px
+            and 5, as for the real Tac-VGNN frames (``threshold`` in their meta.json).
+        threshold_grey: Grey levels above that mean.
+        output: "grey" (H, W), "rgb" (H, W, 3) or "bw" (H, W).
+        pin_loss: Share of the markers that lost their white tip.
+        noise: Shot and read noise.
+
+    Raises:
+        UserError: A name or a number fits no camera, no air is left between camera and window, or
+            the gel is not darker than the tips.
     """
 
     size: int = 128
@@ -118,7 +136,7 @@ class Optics:
             )
 
     def describe(self) -> dict[str, Any]:
-        """Return all numbers, as records hold them; those of irregular glare where it is."""
+        """Return all values, as records hold them; those of irregular glare where it is used."""
         out = asdict(self)
         if not self.glare_scatter:
             del out["glare_scatter"], out["glare_seed"]
@@ -131,7 +149,7 @@ class Optics:
 
     @property
     def tint(self) -> tuple[float, ...]:
-        """Light by channel of the frame for white light of 1."""
+        """Light in each channel of the frame for white light of 1."""
         return (self.red, self.green, self.blue) if self.output == "rgb" else (1.0,)
 
 
@@ -171,18 +189,18 @@ FIELDS = {
     "glare_arc": "glare_arc_deg",
     "threshold": "threshold_grey",
 }
-"""Parameters whose field of ``Optics`` has another name: with its unit."""
+"""Parameter -> field of ``Optics``, where the field has another name, with its unit."""
 NOISE_FIELDS = {"noise": "on", "read_noise": "read", "full_well": "full_well"}
-"""Parameters that belong to ``Noise``, and their fields."""
+"""Parameter -> field of ``Noise``."""
 
 
 def optics_from(nominal: Optics, parameters: Mapping[str, Any]) -> Optics:
     """Return the nominal optics with the named parameters of ``hooks.OPTICAL`` set.
 
     Raises:
-        UserError: The values fit no camera.
+        UserError: The values fit no camera (``Optics``).
         TypeError: A name is no parameter.
     """
     noise = {NOISE_FIELDS[k]: v for k, v in parameters.items() if k in NOISE_FIELDS}
-    own = {FIELDS.get(k, k): v for k, v in parameters.items() if k not in NOISE_FIELDS}
-    return replace(nominal, **own, noise=replace(nominal.noise, **noise))
+    values = {FIELDS.get(k, k): v for k, v in parameters.items() if k not in NOISE_FIELDS}
+    return replace(nominal, **values, noise=replace(nominal.noise, **noise))

@@ -1,7 +1,7 @@
 """Markers to frames: the compiled loops over pixels, without the interpreter's lock.
 
-"Cover" is white light by pixel, 0 gel, 1 tip; its type (float32 for frames, float64 for bounds) is
-that of all arithmetic on pixels.
+"Cover" is the white light of every pixel, 0 for gel and 1 for a tip. Its type (float32 for frames,
+float64 for bounds) is that of all arithmetic on pixels.
 """
 
 # One file: numba's cache on disk follows changes of the file of the function that is called.
@@ -21,7 +21,12 @@ _STRETCH = 1024  # pixels whose noise is drawn before it is added: both stay in 
 
 @jit
 def sfc64(state, words):  # type: ignore[no-untyped-def]
-    """Fill words with the next outputs of SFC64 (Doty-Humphrey, PractRand 0.93); state (4,)."""
+    """Fill words with the next outputs of SFC64 (Doty-Humphrey, PractRand 0.93).
+
+    Args:
+        state: (4,) uint64, which advances.
+        words: (N,) uint64, filled.
+    """
     a, b, c, counter = state[0], state[1], state[2], state[3]
     for k in range(words.shape[0]):
         word = a + b + counter
@@ -38,7 +43,14 @@ def splat(x, y, radius, edge, cover):  # type: ignore[no-untyped-def]
     """Add soft discs to cover (H, W): a smoothstep of the distance from the rim, +-edge px wide.
 
     A pixel takes the mean of four points a quarter of a pixel from its centre, which cancels the
-    first harmonic of the sampling and stands for its area. x, y, radius: (P,) px.
+    first harmonic of the sampling and stands for its area.
+
+    Args:
+        x: (P,) px.
+        y: (P,) px.
+        radius: (P,) px.
+        edge: Half-width of the soft edge, px.
+        cover: (H, W), to which the discs are added.
     """
     kind = cover.dtype.type
     nought, one, two, three, quarter = kind(0), kind(1), kind(2), kind(3), kind(0.25)
@@ -69,7 +81,7 @@ def splat(x, y, radius, edge, cover):  # type: ignore[no-untyped-def]
 
 @jit
 def _smooth(cover, taps, line):  # type: ignore[no-untyped-def]
-    """Convolve rows, then columns, in place; beyond the border lies the border's value."""
+    """Convolve rows, then columns, in place; the border's value continues beyond the border."""
     half = taps.shape[0] // 2
     for axis in range(2):
         lines = cover if axis == 0 else cover.T
@@ -87,8 +99,16 @@ def _smooth(cover, taps, line):  # type: ignore[no-untyped-def]
 def light(x, y, radius, edge, glare, gain, levels, taps, cover):  # type: ignore[no-untyped-def]
     """Fill cover (H, W) with the grey levels of one frame.
 
-    glare: (H, W) cover without discs, gain (H, W): vignetting, levels: background and contrast,
-    taps: of the Gaussian, length 1 for none.
+    Args:
+        x: (P,) px.
+        y: (P,) px.
+        radius: (P,) px.
+        edge: Half-width of the discs' soft edge, px.
+        glare: (H, W) cover without discs.
+        gain: (H, W) vignetting.
+        levels: (2,) background and contrast, grey levels.
+        taps: Weights of the Gaussian blur; of length 1 for no blur.
+        cover: (H, W), filled.
     """
     one = cover.dtype.type(1)
     cover[:] = glare
@@ -107,7 +127,15 @@ def light(x, y, radius, edge, glare, gain, levels, taps, cover):  # type: ignore
 def expose(grey, state, shot, read, table, out):  # type: ignore[no-untyped-def]
     """Fill out (N,) uint8 with grey (N,) plus noise of variance read^2 + shot grey, clipped.
 
-    Pixel k takes bits 16 (k % 4) ... of word k // 4 of the stream; state is moved on.
+    Pixel k takes 16 bits from bit 16 (k % 4) of word k // 4 of the stream; the state advances.
+
+    Args:
+        grey: (N,) grey levels without noise.
+        state: (4,) of SFC64.
+        shot: Variance per grey level.
+        read: Read noise, grey levels.
+        table: (65536,) standard normal values.
+        out: (N,) uint8, filled.
     """
     half, most, nought = np.float32(0.5), np.float32(255), np.float32(0)
     floor = np.float32(read * read)
@@ -146,8 +174,21 @@ def frames(  # type: ignore[no-untyped-def]
 ):
     """Fill out (S, H, W, C) uint8 with discs x, y, radius (S, P).
 
-    tint: (C,) light by channel. states: (S, 4) of SFC64, freshly seeded. read and shot both 0: no
-    noise.
+    Args:
+        x: (S, P) px.
+        y: (S, P) px.
+        radius: (S, P) px.
+        edge: Half-width of the discs' soft edge, px.
+        glare: (H, W) cover without discs.
+        gain: (H, W) vignetting.
+        levels: (2,) background and contrast, grey levels.
+        taps: Weights of the Gaussian blur; of length 1 for no blur.
+        tint: (C,) light in each channel.
+        states: (S, 4) of SFC64, freshly seeded.
+        shot: Variance per grey level; with read 0 as well, there is no noise.
+        read: Read noise, grey levels.
+        table: (65536,) standard normal values.
+        out: (S, H, W, C), filled.
     """
     cover = np.empty(glare.shape, np.float32)
     tinted = np.empty(cover.size * tint.shape[0], np.float32)
@@ -164,6 +205,9 @@ def frames(  # type: ignore[no-untyped-def]
 
 @jit
 def clean(x, y, radius, edge, glare, gain, levels, taps, out):  # type: ignore[no-untyped-def]
-    """Fill out (S, H, W) with grey levels without noise, not rounded."""
+    """Fill out (S, H, W) with grey levels without noise, not rounded.
+
+    The other arguments are those of ``frames``.
+    """
     for s in range(x.shape[0]):
         light(x[s], y[s], radius[s], edge, glare, gain, levels, taps, out[s])

@@ -12,7 +12,7 @@ from tactibench_sim.compiled import jit
 from tactibench_sim.optics.camera import Optics
 
 Array = npt.NDArray[np.float64]
-_NEWTON = 60  # never reached: the steps grow by one sign and converge quadratically
+_NEWTON = 60  # limit, never reached: all steps have one sign and converge quadratically
 
 
 @jit
@@ -26,6 +26,14 @@ def slope_per_mm(rho, air, window, gel, window_index, gel_index):  # type: ignor
 
     and the ray hits the window a s from the axis. The left side rises and is concave in q: Newton
     from the paraxial q comes from below and converges for every point.
+
+    Args:
+        rho: Distance of the point from the axis, mm.
+        air: Thickness of the air, mm.
+        window: Thickness of the window, mm.
+        gel: Depth of the point in the gel, mm.
+        window_index: Refractive index of the window.
+        gel_index: Refractive index of the gel.
     """
     window_square, gel_square = window_index * window_index, gel_index * gel_index
     q = 1.0 / (air + window / window_index + gel / gel_index)
@@ -78,10 +86,18 @@ def _project(  # type: ignore[no-untyped-def]
 
 
 def project(optics: Optics, points: Array, lift: float = 0.0) -> tuple[Array, Array, Array]:
-    """Return pixel x, y and radius px (...) of markers at (..., 3) mm, z being ``lift`` mm more.
+    """Return x, y and radius of markers in the frame, px, each of shape (...).
 
     A marker is seen as a disc: its radius times the transverse magnification at its place, which
-    without refraction is 1 / depth. Raises UserError for a marker that is not inside the gel.
+    without refraction is 1 / depth.
+
+    Args:
+        optics: The camera.
+        points: (..., 3) places of the markers, mm.
+        lift: Added to z of the points, mm; the sum is z in the camera coordinates of ``Optics``.
+
+    Raises:
+        UserError: A marker is not inside the gel.
     """
     middle = (optics.size - 1) / 2
     axis = (middle + optics.size * optics.principal_x, middle + optics.size * optics.principal_y)

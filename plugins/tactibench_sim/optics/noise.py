@@ -21,8 +21,10 @@ ROUNDING = 1 / 12
 class Noise:
     """Gaussian noise of variance read^2 + 255 / full_well * grey (EMVA 1288, its linear model).
 
-    on: False leaves the frame as it is. read: grey levels, rms (assumed). full_well: electrons at
-    grey level 255 (10,000 is a common small CMOS pixel; assumed).
+    Attributes:
+        on: False leaves the frame as it is.
+        read: Read noise, grey levels, rms (assumed).
+        full_well: Electrons at grey level 255 (10,000 is a common small CMOS pixel; assumed).
     """
 
     on: bool = True
@@ -37,8 +39,8 @@ class Noise:
     def variance(self, clean: Grey) -> Grey:
         """Return the variance of pixels of the 8-bit frame, rounding included, grey levels squared.
 
-        Exact where the noise spans a grey level or more (read >= 0.7) and nothing is clipped at 0
-        or 255.
+        It is exact where the noise spans a grey level or more (read >= 0.7) and nothing is clipped
+        at 0 or 255.
         """
         slope, floor = (self.shot, self.read**2) if self.on else (0.0, 0.0)
         return slope * clean + (floor + ROUNDING)

@@ -13,21 +13,22 @@ from tactibench_sim.optics.noise import ROUNDING, normal_table
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
 _LUMA = np.array([0.299, 0.587, 0.114])
-"""ITU-R BT.601, with which models make grey of colour (``tactibench.gray_frames``)."""
+"""Weights of ITU-R BT.601, by which models turn colour into grey (``tactibench.gray_frames``)."""
 
 
 class Renderer:
-    """A camera. Frames depend on the points and the noise state handed in, on nothing else.
+    """A camera whose frames depend on nothing but the given points and states of the noise.
 
-    Points are (S, P, 3) mm in camera coordinates of ``Optics``, z being ``lift`` mm more.
+    Points are (S, P, 3) mm. With ``lift`` mm added to their z they are in the camera coordinates of
+    ``Optics``.
     """
 
     def __init__(self, optics: Optics, lift: float = 0.0, shares: Array | float = 1.0) -> None:
-        """Compute what does not move.
+        """Compute the parts of a frame that do not move.
 
         Args:
             optics: The camera.
-            lift: mm that z is more than in its coordinates.
+            lift: Added to z of the points to get z in the camera coordinates, mm.
             shares: (P,) radii of the markers over ``marker_radius_mm``; 1: all alike.
         """
         self.optics, self.lift, self._shares = optics, lift, shares
@@ -40,19 +41,26 @@ class Renderer:
         self._tint = tint.astype(np.float32)
 
     def project(self, points: Array) -> tuple[Array, Array, Array]:
-        """Return pixel x, y and radius px, each (S, P). Raises UserError outside the gel."""
+        """Return x, y and radius of the markers in the frame, px, each (S, P).
+
+        Raises:
+            UserError: A marker is not inside the gel.
+        """
         x, y, radius = project(self.optics, points, self.lift)
         return x, y, radius * self._shares
 
     def clean(self, points: Array) -> Array:
         """Return (S, size, size) grey levels without noise or rounding.
 
-        Of "rgb" the BT.601 grey; of "bw" the grey frame that is thresholded.
+        For output "rgb" they are the BT.601 grey, for "bw" the grey frame before the threshold.
+
+        Raises:
+            UserError: A marker is not inside the gel.
         """
         return self.clean_discs(*self.project(points))
 
     def clean_discs(self, x: Array, y: Array, radius: Array) -> Array:
-        """Return ``clean`` of discs at (S, P) px."""
+        """Return the same as ``clean`` for discs at x, y with a radius, each (S, P) px."""
         out = np.empty((len(x), self.optics.size, self.optics.size))
         kernels.clean(x, y, radius, self.optics.edge_px, *self._static_64, out)
         if len(self._luma) == 3:
@@ -60,10 +68,11 @@ class Renderer:
         return out
 
     def variance(self, clean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-        """Return the variance of the pixels of ``clean`` as a model takes them in, with rounding.
+        """Return the variance of the pixels of ``clean`` as a model reads them, with rounding.
 
-        Of "rgb": three channels of independent noise, weighted and rounded again. Of "bw": of the
-        grey frame, so that a bound from it holds for the black-and-white one, which knows less.
+        For output "rgb", three channels of independent noise are weighted and rounded again. For
+        "bw" it is that of the grey frame, so that a bound from it holds for the black-and-white
+        frame, which holds less information.
         """
         noise = self.optics.noise
         if len(self._luma) == 1:
@@ -73,19 +82,27 @@ class Renderer:
         return sum((w**2 * noise.variance(t * white) for w, t in channels), ROUNDING + 0 * clean)
 
     def frames(self, points: Array, states: npt.NDArray[np.uint64] | None = None) -> Images:
-        """Return (S, size, size) or (S, size, size, 3) uint8. states: (S, 4); None: no noise."""
+        """Return (S, size, size) or (S, size, size, 3) uint8 frames.
+
+        Args:
+            points: (S, P, 3) mm.
+            states: (S, 4) states of the noise; None: no noise.
+
+        Raises:
+            UserError: A marker is not inside the gel.
+        """
         return self.disc_frames(*self.project(points), states)
 
     def disc_frames(
         self, x: Array, y: Array, radius: Array, states: npt.NDArray[np.uint64] | None = None
     ) -> Images:
-        """Return ``frames`` of discs at (S, P) px."""
+        """Return the same as ``frames`` for discs at x, y with a radius, each (S, P) px."""
         size, noise = self.optics.size, self.optics.noise
         out = np.empty((len(x), size, size, len(self._tint)), dtype=np.uint8)
         quiet = states is None or not noise.on
         shot, read = (0.0, 0.0) if quiet else (noise.shot, noise.read)
-        # The loops move the states on; the caller's stay as they are.
-        own = np.zeros((len(x), 4), dtype=np.uint64) if states is None else states.copy()
+        # The loops advance the states; the caller's stay as they are.
+        advancing = np.zeros((len(x), 4), dtype=np.uint64) if states is None else states.copy()
         kernels.frames(
             x,
             y,
@@ -93,7 +110,7 @@ class Renderer:
             self.optics.edge_px,
             *self._static_32,
             self._tint,
-            own,
+            advancing,
             shot,
             read,
             normal_table(),
@@ -127,7 +144,7 @@ def vignetting(optics: Optics) -> Array:
 
 
 def glare(optics: Optics) -> Array:
-    """Return the (H, W) white light of the LEDs' reflections: arcs that taper to their ends.
+    """Return the (H, W) white light of the LEDs' reflections: arcs that taper towards their ends.
 
     With ``glare_scatter`` every arc has its own length, thickness, radius and place, and swells
     where its LED is; all are drawn from ``glare_seed``.
@@ -148,10 +165,10 @@ def glare(optics: Optics) -> Array:
         bump, where = optics.glare_scatter * rng.uniform(0.0, 1.0), rng.uniform(-0.3, 0.3)
         along = azimuth - led * pitch - turned * length / 4
         along = (along + np.pi) % (2 * np.pi) - np.pi
-        own = length * 2**longer
-        swell = 1 + bump * np.exp(-(((along / own - where) / 0.05) ** 2))
+        arc_length = length * 2**longer
+        swell = 1 + bump * np.exp(-(((along / arc_length - where) / 0.05) ** 2))
         away = distance - farther * width / 2
-        out = np.maximum(out, _arc(optics, away, along, own, width * 2**thicker * swell))
+        out = np.maximum(out, _arc(optics, away, along, arc_length, width * 2**thicker * swell))
     return out
 
 

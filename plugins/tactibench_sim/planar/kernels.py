@@ -12,12 +12,12 @@ import numpy as np
 
 from tactibench_sim.compiled import jit
 
-_SHALLOW = 1e-6  # depth, mm, whose shape stands for a tip that does not press yet
+_SHALLOW = 1e-6  # depth, mm, whose shape is taken for a tip that does not press yet
 _REGULAR = 1e-10  # splits the load of exactly coincident tips evenly
-_APART = 1.0  # mm between tips that are not one; nothing depends on it for protocols' indenters
-_ROUNDS = 60  # two or three do, unless a bulge lifts a tip
+_APART = 1.0  # mm from which tips are separate; nothing depends on it for protocols' indenters
+_ROUNDS = 60  # two or three are enough, unless a bulge lifts a tip
 _SWEEPS = (20, 80, 400, 2000)
-"""Sweeps of Gauss-Seidel, tried in turn until it has settled."""
+"""Sweeps of Gauss-Seidel, tried in turn until it has converged."""
 
 
 @jit
@@ -70,12 +70,19 @@ def depression(table, steps, depth, r, pair):  # type: ignore[no-untyped-def]
 
 @jit
 def displace(tables, steps, index, xy, amplitude, shape, points, out):  # type: ignore[no-untyped-def]
-    """Add to out (S, P, 3) the displacement of points (P, 2) by S presses; z is out of the pad.
+    """Add the displacement of points by S presses; z is out of the pad.
 
-    tables: (M, D, T, 2, 4) of w and t / r. steps: of depth and distance. index: (S,) table. xy:
-    (S, K, 2), amplitude, shape: (S, K) tips that press.
+    Args:
+        tables: (M, D, T, 2, 4) tables of w, mm, and t / r.
+        steps: (2,) steps of depth and distance, mm.
+        index: (S,) table of each press.
+        xy: (S, K, 2) places of the tips, mm.
+        amplitude: (S, K) factors on the tabulated fields; 0: the tip does not press.
+        shape: (S, K) depths whose fields the tips have, mm.
+        points: (P, 2) mm.
+        out: (S, P, 3) mm, to which the displacement is added.
     """
-    whole = np.empty((tables.shape[2], 2, 2))
+    buffer = np.empty((tables.shape[2], 2, 2))
     for s in range(xy.shape[0]):
         for k in range(xy.shape[1]):
             if amplitude[s, k] == 0.0:
@@ -84,7 +91,7 @@ def displace(tables, steps, index, xy, amplitude, shape, points, out):  # type: 
             for p in range(points.shape[0]):
                 dx, dy = points[p, 0] - xy[s, k, 0], points[p, 1] - xy[s, k, 1]
                 farthest = max(farthest, dx * dx + dy * dy)
-            profile = whole[: min(whole.shape[0], int(np.sqrt(farthest) / steps[1]) + 3)]
+            profile = buffer[: min(buffer.shape[0], int(np.sqrt(farthest) / steps[1]) + 3)]
             at_depth(tables[index[s]], steps[0], shape[s, k], amplitude[s, k], profile)
             for p in range(points.shape[0]):
                 dx, dy = points[p, 0] - xy[s, k, 0], points[p, 1] - xy[s, k, 1]
@@ -97,16 +104,25 @@ def displace(tables, steps, index, xy, amplitude, shape, points, out):  # type: 
 
 @jit
 def couple(tables, steps, index, xy, delta, reach, amplitude, shape):  # type: ignore[no-untyped-def]
-    """Fill amplitude and shape (S, K) of tips at xy (S, K, 2) that share the load of S presses.
+    """Fill amplitude and shape of tips that share the load of S presses.
 
-    tables: (M, D, T, 1, 4) of the surface's depression. delta: (S, K), -inf for none. Effective
-    depths e_i and shapes s_i fulfil
+    Effective depths e_i and shapes s_i fulfil
 
         e_i >= 0,   g_i = sum_j e_j w(|x_i - x_j|; s_j) / w(0; s_j) - delta_i >= 0,   e_i g_i = 0,
         s_i = max(delta_i, sum_j e_j same(|x_i - x_j|)),  at most the deepest of the table,
 
     and amplitude_i = e_i / s_i. Tips at one place press as one: ``same`` is 1 there and 0 from
     _APART on. Tips more than ``reach`` above the surface take no part.
+
+    Args:
+        tables: (M, D, T, 1, 4) tables of the surface's depression, mm.
+        steps: (2,) steps of depth and distance, mm.
+        index: (S,) table of each press.
+        xy: (S, K, 2) places of the tips, mm.
+        delta: (S, K) depths of the tips, mm; -inf for no tip.
+        reach: Greatest height of a tip that takes part, mm.
+        amplitude: (S, K), filled.
+        shape: (S, K) mm, filled.
     """
     count = xy.shape[1]
     pair = np.empty((2, 1, 2))
@@ -157,7 +173,10 @@ def couple(tables, steps, index, xy, delta, reach, amplitude, shape):  # type: i
 
 @jit
 def _deepest_first(delta, xy):  # type: ignore[no-untyped-def]
-    """Sort tips, whatever the order in which they came: coincident ones would remember theirs."""
+    """Return the order of tips: deepest first, then by place.
+
+    Without it the result for coincident tips would depend on the order in which they are given.
+    """
     order = np.arange(delta.shape[0])
     for i in range(1, order.shape[0]):
         j = i
@@ -180,7 +199,12 @@ def _deepest_first(delta, xy):  # type: ignore[no-untyped-def]
 def complementary(matrix, delta, near, order, e):  # type: ignore[no-untyped-def]
     """Solve e >= 0, M e - delta >= 0, complementary: projected Gauss-Seidel, then exactly.
 
-    matrix: (K, K) with diagonal 1. near, order: (K,) who takes part, and in which order.
+    Args:
+        matrix: (K, K) M with diagonal 1.
+        delta: (K,) depths, mm.
+        near: (K,) whether a tip takes part.
+        order: (K,) order of the tips.
+        e: (K,) effective depths, mm, filled.
     """
     count = delta.shape[0]
     e[:] = 0.0
@@ -209,7 +233,7 @@ def complementary(matrix, delta, near, order, e):  # type: ignore[no-untyped-def
 
 @jit
 def _solve_active(matrix, delta, e):  # type: ignore[no-untyped-def]
-    """Solve for the active set e > 0, zero elsewhere; Gauss-Jordan with pivots."""
+    """Return the solution for the active set e > 0, zero elsewhere, by Gauss-Jordan with pivots."""
     active = np.flatnonzero(e > 0.0)
     n = active.shape[0]
     system = np.empty((n, n + 1))

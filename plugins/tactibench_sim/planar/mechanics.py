@@ -6,8 +6,8 @@ mm; by ``[radius, depth]``: ``force`` (E_gel mm^2, of a pad with a skin E_skin m
 
 The field of a press is the sum over its tips of a_i T(|x - x_i|; s_i), T the tabulated field of one
 tip. Tier "superpose": a_i = 1, s_i the tip's depth. Tier "coupled": effective depths with which
-every tip reaches its depth or stands clear (``kernels.couple``). The pad is wider than its
-deformation: fields do not know its edge.
+every tip reaches its depth or does not touch (``kernels.couple``). The pad is wider than its
+deformation, so the fields do not include its edge.
 """
 
 from __future__ import annotations
@@ -31,24 +31,28 @@ Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 FILE = "pad.npz"
 SCRIPT = "scripts/fem/tabulate_pad.py"
-"""The file's maker, which stands in the repository and not in the package."""
+"""Script that makes the file; it is in the repository and not in the package."""
 QUANTITIES = ("w", "t", "w_surface", "t_surface", "force")
 TIERS = ("coupled", "superpose")
 DEEPEST_MM = 100.0
 """A greater depth is a mistake in units; the tables refuse smaller ones that are too deep."""
 SLACK_MM = 0.01
-"""Distance that bounds may step beyond the deepest table to take differences."""
+"""Distance by which bounds may step beyond the deepest table to take differences."""
 REACH_MM = 1.0
-"""Tips this far above the surface may still be met by a bulge, which is never that high."""
+"""Tips up to this far above the surface may be met by a bulge, which is never that high."""
 
 
 @dataclass(frozen=True, eq=False)
 class PadTables:
     """The content of a table file.
 
-    radii: (M,) tips, mm, ascending. delta: (D,) depth mm, from 0, uniform. r: (T,) undeformed
-    distance from the axis mm, from 0, uniform. fields: quantity -> (M, D, T), force -> (M, D).
-    parameters: what the finite-element run was given, ``pad`` among it.
+    Attributes:
+        parameters: Parameters of the finite-element run, ``pad`` among them.
+        digest: Checksum of the file.
+        radii: (M,) radii of the tips, mm, ascending.
+        delta: (D,) depths, mm, from 0, uniform.
+        r: (T,) undeformed distances from the axis, mm, from 0, uniform.
+        fields: Quantity -> (M, D, T), ``force`` -> (M, D).
     """
 
     parameters: dict[str, Any]
@@ -75,7 +79,11 @@ class PadTables:
 
 
 def read(path: Path) -> PadTables:
-    """Read a table file. Raises UserError where it is unreadable or its hash does not fit."""
+    """Read a table file.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     remedy = f"reinstall tactibench or make it again with {SCRIPT}."
     return data_file.read(path, "the planar sensor's table", remedy, _tables)
 
@@ -94,9 +102,13 @@ def shipped() -> PadTables:
 
 @dataclass(frozen=True, eq=False)
 class PadLoads:
-    """Tips at xy (S, K, 2) mm press with amplitude times the shape of a depth, (S, K), mm.
+    """The tips of S presses and how strongly they press.
 
-    table: (S,) index of the tips' radius.
+    Attributes:
+        xy: (S, K, 2) places of the tips, mm.
+        amplitude: (S, K) factors on the tabulated fields.
+        shape: (S, K) depths whose tabulated fields the tips have, mm.
+        table: (S,) indices of the tips' radius.
     """
 
     xy: Array
@@ -106,7 +118,11 @@ class PadLoads:
 
 
 class PadMechanics:
-    """The pad by tables: loads of presses, displacements of markers and surface."""
+    """The pad by tables: loads of presses, displacements of markers and surface.
+
+    Raises:
+        UserError: ``tier`` is none of TIERS.
+    """
 
     def __init__(self, tables: PadTables, tier: str = "coupled") -> None:
         if tier not in TIERS:
@@ -121,7 +137,11 @@ class PadMechanics:
         self._depression = np.ascontiguousarray(self._surface[:, :, :, :1])
 
     def loads(self, tips: Tips) -> PadLoads:
-        """Solve for how the tips share the load. Raises UserError beyond the tables."""
+        """Solve for how the tips share the load.
+
+        Raises:
+            UserError: The tables have no such radius or do not reach so deep.
+        """
         table = self._table_indices(tips.radius)
         delta = np.ascontiguousarray(tips.depth, dtype=np.float64)  # one compilation for all
         if (delta > self.tables.deepest + SLACK_MM).any():
@@ -152,7 +172,10 @@ class PadMechanics:
         return table
 
     def markers(self, loads: PadLoads, xy: Array) -> Array:
-        """Return the (S, P, 3) displacement, mm, of markers at xy (P, 2) at rest; z out of it."""
+        """Return the (S, P, 3) displacement of markers at xy (P, 2) at rest, mm.
+
+        z points out of the pad.
+        """
         return self._displacement(self._markers, loads, xy)
 
     def surface(self, loads: PadLoads, xy: Array) -> Array:
@@ -185,7 +208,7 @@ def _spline(tables: PadTables, quantities: list[Array]) -> Array:
 
 
 def _over_r(field: Array, r: Array) -> Array:
-    """Divide an odd field by r: even and smooth, its value on the axis from its neighbours."""
+    """Divide an odd field by r; the result is even, its value on the axis from its neighbours."""
     out = np.empty_like(field)
     out[..., 1:] = field[..., 1:] / r[1:]
     out[..., 0] = (15 * out[..., 1] - 6 * out[..., 2] + out[..., 3]) / 10  # even quartic
@@ -193,9 +216,15 @@ def _over_r(field: Array, r: Array) -> Array:
 
 
 def pad_tips(scenes: Sequence[Scene], reach: float) -> Tips:
-    """Return the tips of scenes: depth (S, K) is travel past the own first touch, -inf for none.
+    """Return the tips of scenes; the depth of a tip is its travel past its own first touch.
 
-    reach: how far from the middle a tip may press, mm. Raises UserError for what is no such press.
+    Args:
+        scenes: S scenes.
+        reach: Distance from the middle, in x and in y, within which a tip may press, mm.
+
+    Raises:
+        UserError: A pose is not finite, tilted or too deep, its depth is negative, the indenter is
+            a plate, or a tip presses beyond ``reach``.
     """
     for scene in scenes:
         _check(scene)

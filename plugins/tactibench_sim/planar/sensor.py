@@ -22,18 +22,23 @@ from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
 
 Array = npt.NDArray[np.float64]
 SPREAD = Spread(gel_mm=0.0)
-"""The pad's thickness is that of its table, in every instance."""
+"""Ranges of the instances; the pad's thickness is that of its table in all of them."""
 
 
 @dataclass(frozen=True)
 class PlanarPreset:
     """A square marker grid in a flat pad, and a camera. The pad itself is in the table file.
 
-    markers: a side, the grid's middle under the origin. pitch_mm: 1.5; simulations of a GelSight
-    Mini have 1.33 and 1.48 mm (FOTS, ``params.py``: 26 and 29 px at 19.58 px/mm). reach_mm: how far
-    from the middle, in x and in y, a tip may press. The pad is meant to be 40 mm wide, its fields
-    do not know its edge: a free edge 10 mm off all around moves the surface by 0.01 mm within 5 mm
-    of a tip of 3 mm at 1 mm depth, and by 0.02 mm beside the edge (finite elements).
+    Attributes:
+        name: Name of the sensor.
+        optics: The camera.
+        markers: Number of markers on a side; the grid's middle is under the origin.
+        pitch_mm: Distance of neighbouring markers. Simulations of a GelSight Mini have 1.33 and
+            1.48 mm (FOTS, ``params.py``: 26 and 29 px at 19.58 px/mm).
+        reach_mm: Distance from the middle, in x and in y, within which a tip may press. The pad is
+            meant to be 40 mm wide, and its fields do not include its edge: a free edge 10 mm off
+            all around moves the surface by 0.01 mm within 5 mm of a tip of 3 mm at 1 mm depth, and
+            by 0.02 mm beside the edge (finite elements).
     """
 
     name: str
@@ -76,7 +81,7 @@ class PlanarGrid(RenderedSensor):
             tier: How contacts share the load.
             table: Path of a file of single-tip fields; "": the one that ships.
             instance: Number of the sensor instance; 0: the nominal one.
-            threads: Of ``press_many``.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **optical: Parameters of ``optics_from``; the others are the preset's.
         """
         self._tables = mechanics.read(Path(table)) if table else mechanics.shipped()
@@ -93,7 +98,11 @@ class PlanarGrid(RenderedSensor):
         super().__init__(context, renderer, self._marker_places(untouched)[0], threads)
 
     def _marker_places(self, tips: Tips) -> Array:
-        """Return the (S, P, 3) places of the markers, mm. Raises UserError as ``press``."""
+        """Return the (S, P, 3) places of the markers, mm.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         out = self.mechanics.markers(self.mechanics.loads(tips), self.markers)
         out[..., :2] += self.markers
         out[..., 2] -= self._tables.marker_depth
@@ -103,15 +112,23 @@ class PlanarGrid(RenderedSensor):
         return mechanics.pad_tips(scenes, self.preset.reach_mm)
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return the (S, P, 3) places of the markers, mm. Raises UserError as ``press``."""
+        """Return the (S, P, 3) places of the markers, mm.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         return self._marker_places(self._tips(scenes))
 
     def clean(self, tips: Tips) -> Array:
-        """Return (S, size, size) grey levels without noise. Raises UserError as ``press``."""
+        """Return (S, size, size) grey levels without noise.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         return self.renderer.clean(self._marker_places(tips))
 
     def surface(self, scene: Scene, grid: Grid) -> Array:
-        """Return (H, W) mm into the pad of the surface points that lie above the cells at rest."""
+        """Return the (H, W) displacement into the pad, mm, of the surface above cells at rest."""
         x, y = (axis.ravel() for axis in np.meshgrid(*grid.axes()))
         loads = self.mechanics.loads(self._tips([scene]))
         into: Array = -self.mechanics.surface(loads, np.stack([x, y], axis=1))[0, :, 2]
@@ -120,7 +137,8 @@ class PlanarGrid(RenderedSensor):
     def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
         """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
 
-        Of the grey frame that models see; of output "bw" it holds, but cannot be reached.
+        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
+        reached there.
         """
         return covariance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
 
@@ -135,7 +153,7 @@ class PlanarGrid(RenderedSensor):
         return deviance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
 
     def describe(self) -> dict[str, Any]:
-        """Return everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, except the seed."""
         return {
             "sensor": self.preset.name,
             "plugin": f"tactibench_sim {__version__}",
@@ -154,7 +172,7 @@ class PlanarGrid(RenderedSensor):
 
 
 def square_grid(side: int, pitch: float) -> Array:
-    """Return (side^2, 2) mm, row by row along y, its middle at the origin."""
+    """Return the (side^2, 2) places of a grid, mm, row by row along y, its middle at the origin."""
     steps = (np.arange(side) - (side - 1) / 2) * pitch
     x, y = np.meshgrid(steps, steps)
     return np.stack([x.ravel(), y.ravel()], axis=1)

@@ -14,30 +14,48 @@ from tactibench_sim import data_file
 from tactibench_sim.optics.camera import Optics
 
 SHIPPED = {"": "calibration.json", "331": "calibration_331.json", "127": "calibration_127.json"}
-"""Fits to the public recordings. "": version 1, to 200 presses of the 331-pin one that were hardly
-dragged; the others, to 400 presses each, know slip and a base that gives way."""
+"""Fits to the public recordings. "": version 1, to 200 presses of the 331-pin recording that were
+hardly dragged. The others, to 400 presses each, include slip and a base that gives way."""
 
 
 @dataclass(frozen=True)
 class Unknowns:
     """The fitted numbers, all of them global: none belongs to a single press.
 
-    The defaults are where the fit begins.
+    The fit begins at the defaults. With t the tilt label and d the indentation, mm:
 
-    Label to travel: travel = depth label + depth_offset_mm + pivot_mm (1 - cos t)
-    + pivot_side_mm sin t, t the tilt label: the robot turns the sensor about a point pivot_mm above
-    the dome's centre (20: the apex) and pivot_side_mm beside its axis. What holds the dome gives
-    way: indentation = travel (1 - give_per_mm travel). The plate's normal leaves
-    the axis by t + tilt_offset_deg, in the plane at yaw_deg to the frame's x axis.
-    pin_length_mm: effective lever; pins dragged along by the gel turn less than their base.
-    Optics: a camera air_mm below the window, gel_mm from the window to the apex (refraction at an
-    index of 1.41, the window's thickness counts as gel), focal length in px, axis at
-    (centre_x, centre_y) px.
-    Drag, mm of the plate relative to the dome: drag_per_mm move + drag_per_deg turn for a press
-    that was dragged (``move``: what the robot travelled along the plate, mm, ``turn``: by how much
-    it turned, deg), but at most slip_mm d**slip_power (d: indentation, mm), beyond which the plate
-    slips; and drag_offset_mm + drag_per_depth d + drag_per_tilt d sin t for every press.
-    Drift, px, of all pins since the rest frame was taken: rest_x, rest_y.
+    travel = depth label + depth_offset_mm + pivot_mm (1 - cos t) + pivot_side_mm sin t.
+    The base of the dome gives way: indentation = travel (1 - give_per_mm travel).
+    The plate's normal leaves the axis by t + tilt_offset_deg, in the plane at yaw_deg to the
+    frame's x axis.
+    Drag, mm of the plate relative to the dome, of every press: drag_offset_mm + drag_per_depth d
+    + drag_per_tilt d sin t. A press that was dragged has in addition drag_per_mm move
+    + drag_per_deg turn, but at most slip_mm d**slip_power, beyond which the plate slips.
+
+    Attributes:
+        depth_offset_mm: Travel at a depth label and a tilt of 0.
+        pivot_mm: Height above the dome's centre of the point about which the robot turns the
+            sensor (20: the apex).
+        pivot_side_mm: Distance of that point from the dome's axis.
+        tilt_offset_deg: Tilt of the plate at a tilt label of 0.
+        yaw_deg: Direction on the frame in which the plate tilts.
+        pin_length_mm: Effective lever; pins dragged along by the gel turn less than their base.
+        air_mm: Distance from the camera to the window.
+        gel_mm: Distance from the window to the apex (refraction at an index of 1.41; the window's
+            thickness counts as gel).
+        focal_px: Focal length.
+        centre_x: Place of the optical axis in the frame, px.
+        centre_y: Likewise.
+        drag_per_mm: Drag per mm that the robot moved along the plate (label ``move``).
+        drag_per_deg: Drag, mm, per deg that the robot turned (label ``turn``).
+        drag_offset_mm: Drag of every press.
+        drag_per_depth: Drag per mm of indentation.
+        drag_per_tilt: Drag per mm of indentation and sine of the tilt.
+        slip_mm: Drag at which the plate slips, at an indentation of 1 mm.
+        slip_power: Exponent with which that drag grows with the indentation.
+        give_per_mm: Share of the travel by which the base gives way, per mm of travel.
+        rest_x: Drift of all pins since the rest frame was taken, px.
+        rest_y: Likewise.
     """
 
     depth_offset_mm: float = 5.0
@@ -63,7 +81,11 @@ class Unknowns:
     rest_y: float = 0.0
 
     def optics(self, side: int, lens: str = "fisheye", gel_index: float = 1.41) -> Optics:
-        """Return the camera of frames of ``side`` px. Raises UserError for one that cannot be."""
+        """Return the camera of frames of ``side`` px.
+
+        Raises:
+            UserError: The unknowns fit no camera (``Optics``).
+        """
         middle = (side - 1) / 2
         return Optics(
             size=side,
@@ -80,11 +102,16 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class LabelFit:
-    """Numbers of `tactibench data fit` on the fitted recording: the indentation of all truths.
+    """Numbers of `tactibench data fit` on the fitted recording, which define all true indentations.
 
-    The unknowns' own depth_offset_mm, pivot_mm and pivot_side_mm say where simulated fields meet
-    the real ones best. Sensors and recordings state indentation as this fit does, so a fitted
-    sensor is pressed by the difference deeper.
+    ``depth_offset_mm``, ``pivot_mm`` and ``pivot_side_mm`` of ``Unknowns`` say where simulated
+    fields meet the real ones best. Sensors and recordings state indentation as this fit does, so a
+    fitted sensor is pressed deeper by the difference.
+
+    Attributes:
+        depth_offset_mm: As in ``Unknowns``.
+        pivot_mm: As in ``Unknowns``.
+        pivot_side_mm: As in ``Unknowns``.
     """
 
     depth_offset_mm: float
@@ -93,16 +120,22 @@ class LabelFit:
 
 
 WITHOUT = {"slip_mm": math.inf, "slip_power": 0.0, "give_per_mm": 0.0, "rest_x": 0.0, "rest_y": 0.0}
-"""Unknowns that a calibration of version 1 does not have, at the values that change nothing."""
+"""Unknowns that a calibration of version 1 does not have, with the values that change nothing."""
 
 
 @dataclass(frozen=True)
 class Calibration:
     """The fit to a recording. Files are written by `tactibench sim real FOLDER --keep FILE`.
 
-    recording: sha256. frames: names of those that were fitted to. side: of its frames, px.
-    rest_centre: mean of the pins at rest, px. kind: of the dome (``plate.kinds``). label_fit: None
-    for version 1, whose sensors count indentation from their own first touch.
+    Attributes:
+        recording: sha256 of the recording.
+        frames: Names of the frames that were fitted to.
+        side: Side of the recording's frames, px.
+        rest_centre: Mean place of the pins at rest, px.
+        kind: Name of the dome (``plate.kinds``).
+        unknowns: The fitted numbers.
+        label_fit: The fit of the labels alone. None for version 1, whose sensors count indentation
+            from their own first touch.
     """
 
     recording: str
@@ -115,13 +148,17 @@ class Calibration:
 
     def content(self) -> dict[str, Any]:
         """Return what a file holds; unknowns that change nothing are left out."""
-        known = asdict(self.unknowns)
-        needed = {name: v for name, v in known.items() if v != WITHOUT.get(name)}
+        values = asdict(self.unknowns)
+        needed = {name: v for name, v in values.items() if v != WITHOUT.get(name)}
         content = {**asdict(self), "unknowns": needed}
         return {name: value for name, value in content.items() if value is not None}
 
     def write(self, path: Path) -> None:
-        """Write a JSON file. Raises UserError where it cannot be written."""
+        """Write a JSON file.
+
+        Raises:
+            UserError: The file cannot be written.
+        """
         try:
             path.write_text(json.dumps(self.content(), indent=1) + "\n", encoding="utf-8")
         except OSError as error:
@@ -129,7 +166,11 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file of ``write``. Raises UserError for any other."""
+        """Read a file of ``write``.
+
+        Raises:
+            UserError: The file is unreadable or no calibration.
+        """
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             x, y = map(float, content["rest_centre"])
@@ -160,6 +201,7 @@ def shipped(name: str) -> Calibration:
 def calibration(given: str) -> Calibration:
     """Return a fit by its name in ``SHIPPED`` or by the path of a file.
 
-    Raises UserError for a file that is no calibration.
+    Raises:
+        UserError: The file is unreadable or no calibration.
     """
     return shipped(given) if given in SHIPPED else Calibration.read(Path(given))

@@ -1,4 +1,4 @@
-"""The comparison of simulated and real plate presses: fit on some, report on the others."""
+"""The comparison of simulated and real plate presses: a fit to some, errors on the others."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ from tactibench_sim.real.recording import Presses, read
 
 Array = npt.NDArray[np.float64]
 FEWEST = 100
-"""Presses on each side of the checkerboard below which neither a fit nor its error says much."""
+"""Least number of presses on each side of the checkerboard; with fewer, neither a fit nor its error
+says much."""
 CELLS = 4
 """Columns and rows of the checkerboard: neighbours in tilt and depth are held out together."""
 GROUPS = 4
-"""Parts of the fitted presses; each is left out once to see how far a number moves."""
+"""Parts of the fitted presses; each is left out once to see how far an unknown moves."""
 MOVES = (0.0, 1.0, 2.0, 3.5, 5.01)
 DEPTHS = (0.0, 2.0, 3.0, 4.0, 5.0, 8.0)
 TILTS = (0.0, 5.0, 10.0, 15.0, 21.0)
@@ -40,27 +41,33 @@ POLARS = (0.0, 15.0, 30.0, 45.0, 90.0)
 """Edges of the groups in the table: mm of sideways move and of indentation, deg of tilt, deg of a
 pin's polar angle."""
 TOWARDS_DEG, MOST_AWAY_DEG = 90.0, 45.0
-"""Direction on the frame in which a positive tilt moves the contact, and how far off it may be: the
-fit begins there. 90 and 91 deg in the public recordings."""
+"""Direction on the frame in which a positive tilt moves the contact, and how far a recording may be
+off, because the fit begins there. It is 90 and 91 deg in the public recordings."""
 MOST_KNOWN, MOST_FROM_LABELS = 0.25, 0.5
-"""Median relative errors, drag known and from the labels of moved presses. The public recordings
-have .16 and .18, .22 and .28. Copies of one: depths of half the presses permuted .55 and .68, tilts
-permuted .42 and .53, moves permuted .24 and .93, moves of the other sign .50 and .65."""
+"""Largest median relative errors: with the drag state known, and from the labels of moved presses.
+The public recordings have .16 and .18, .22 and .28. Spoilt copies of one have, with the depths of
+half the presses permuted, .55 and .68, with tilts permuted .42 and .53, with moves permuted .24 and
+.93, with moves of the other sign .50 and .65."""
 MOST_APART_MM = 0.25
-"""Mean over the presses: .11 and .03 in the public recordings, .38 with depth labels of half and
-1.7 with labels of double their size."""
+"""Largest mean difference over the presses between the travels of both fits. It is .11 and .03 in
+the public recordings, .38 with depth labels of half and 1.7 with labels of double their size."""
 _AGAIN = 8
 """Evaluations of a fit that begins at the fit to all presses."""
 
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One line of the table, medians over presses.
+    """One line of the table.
 
-    relative: ||sim - real|| / ||real|| from the labels alone. known: likewise, where the frame says
-    whether the plate dragged the skin. gain: <real, sim> / <sim, sim>, drag known: how much farther
-    the real pins move. pixels: mean distance of simulated and real pins, px. moved: mean real
-    displacement, px.
+    Attributes:
+        group: Name of the group of presses or pins.
+        presses: Number of presses.
+        relative: ||sim - real|| / ||real|| from the labels alone, median over presses.
+        known: Likewise, where the frame says whether the plate dragged the skin.
+        gain: <real, sim> / <sim, sim> with the drag state known, median over presses: how much
+            farther the real pins move.
+        pixels: Mean distance of simulated and real pins, px.
+        moved: Mean real displacement, px.
     """
 
     group: str
@@ -74,7 +81,13 @@ class ErrorRow:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Presses beside their simulation. sim, real: (S, P, 2) px; relative: (S,)."""
+    """Simulated and real presses and their differences.
+
+    Attributes:
+        sim: (S, P, 2) simulated displacements of the pins, px.
+        real: (S, P, 2) real displacements of the pins, px.
+        relative: (S,) relative errors ||sim - real|| / ||real||.
+    """
 
     sim: Array
     real: Array
@@ -85,11 +98,18 @@ class Errors:
 class Comparison:
     """The fit and its errors on presses that were held out.
 
-    presses: of the held-out blocks. fitted_on: how many presses were fitted. complete: share of
-    frames with all pins matched. spread: name of an unknown -> how far it moves (jackknife standard
-    deviation) when parts of the fitted presses are left out. from_labels, state_known: errors from
-    the labels alone, and where the frame decides whether the plate dragged the skin. rows: of the
-    held-out blocks; fitted_rows: of all presses of the fitted blocks, likewise.
+    Attributes:
+        presses: Presses of the held-out blocks.
+        fitted_on: Number of presses that were fitted.
+        complete: Share of the frames with all pins matched.
+        fit: The fit.
+        spread: Name of an unknown -> how far it moves (jackknife standard deviation) when parts of
+            the fitted presses are left out.
+        from_labels: Errors from the labels alone.
+        state_known: Errors where the frame decides whether the plate dragged the skin.
+        rows: Table of the held-out blocks.
+        fitted_rows: Table of all presses of the fitted blocks.
+        calibration: The fit as a file holds it.
     """
 
     presses: Presses
@@ -105,11 +125,11 @@ class Comparison:
 
     @property
     def dragged_share(self) -> float:
-        """Share of the held-out presses that the dragged field fits better than the undragged."""
+        """Share of the held-out presses that the dragged field fits no worse than the undragged."""
         return float((self.from_labels.relative <= self.state_known.relative).mean())
 
     def numbers(self) -> list[dict[str, Any]]:
-        """Return every number as rows of metric, group, value, unit."""
+        """Return every number as a row of metric, group, value, unit."""
 
         def row(metric: str, group: str, value: float, unit: str) -> dict[str, Any]:
             return {"metric": metric, "group": group, "value": value, "unit": unit}
@@ -138,19 +158,19 @@ class Comparison:
 
 
 def compare(folder: Path, *, fit_on: int = 400, seed: int = 0) -> Comparison:
-    """Fit on presses of one colour of a checkerboard of tilt and depth, report on the other.
+    """Fit to one colour of a checkerboard of tilt and depth, and report errors on the other.
 
     A plate is fitted at some tilts and depths and tested at others, so an error is that of
     interpolation between blocks and not between neighbours.
 
     Args:
-        folder: Of the recording.
-        fit_on: Presses to fit on, drawn by ``seed``.
-        seed: Which presses these are.
+        folder: Folder of the recording.
+        fit_on: Number of presses to fit to.
+        seed: Seed by which these are drawn.
 
     Raises:
-        UserError: The folder holds no such recording, or too few presses; the pins contradict the
-            labels; or no fit explains the pins.
+        UserError: The folder holds no recording of plate presses, or too few presses; the pins
+            contradict the labels; or no fit explains the pins.
     """
     recording = open_recording(folder)
     presses = read(folder, 2 * FEWEST)
@@ -200,7 +220,11 @@ def compare(folder: Path, *, fit_on: int = 400, seed: int = 0) -> Comparison:
 
 
 def _label_fit(recording: Recording) -> LabelFit:
-    """Return the fit of the labels alone. Raises UserError where the pins contradict them."""
+    """Return the fit of the labels alone.
+
+    Raises:
+        UserError: A positive tilt label moves the contact in another direction than TOWARDS_DEG.
+    """
     fit = cached_fit(recording, ImportOptions())
     away = (fit.lean_deg - TOWARDS_DEG + 180) % 360 - 180
     if abs(away) > MOST_AWAY_DEG:
@@ -232,7 +256,7 @@ def _refuse_misfit(folder: Path, presses: Presses, errors: Errors, known: Errors
 
 
 def _refuse_disagreement(folder: Path, labels: Labels, x: Unknowns, alone: LabelFit) -> None:
-    """Raise UserError where fields and spreads of the pins place first touch elsewhere."""
+    """Raise UserError where simulated fields and the pins' spread place first touch differently."""
     other = replace(x, **asdict(alone))
     apart = float(np.abs(travel(x, labels) - travel(other, labels)).mean())
     if apart > MOST_APART_MM:
@@ -244,7 +268,7 @@ def _refuse_disagreement(folder: Path, labels: Labels, x: Unknowns, alone: Label
 
 
 def checkerboard(labels: Labels) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp]]:
-    """Return (S,) whether a press is to be fitted, and the (S,) part that it belongs to.
+    """Return (S,) whether each press is to be fitted, and the (S,) part that it belongs to.
 
     Cells are equal ranges of tilt and of the depth label; a part is a column of tilts.
     """
@@ -260,7 +284,14 @@ def spread_of(
 ) -> dict[str, float]:
     """Return the jackknife standard deviation of each unknown over parts that are left out.
 
-    sqrt((g - 1) / g sum (x_i - mean)^2) over g parts (Efron and Stein, Ann. Statist. 9, 1981).
+    It is sqrt((g - 1) / g sum (x_i - mean)^2) over g parts (Efron and Stein, Ann. Statist. 9,
+    1981).
+
+    Args:
+        presses: S fitted presses.
+        part: (S,) part of each press.
+        rig: The parts that are not fitted.
+        x: The fit to all of them, where each fit begins.
     """
     fits = [
         asdict(fit(presses.take(np.flatnonzero(part != k)), rig, x, steps=_AGAIN)[0])
@@ -273,7 +304,11 @@ def spread_of(
 def errors_of(presses: Presses, rig: Rig, x: Unknowns, *, state_known: bool = False) -> Errors:
     """Simulate presses from their labels alone, all of them dragged as the labels say.
 
-    ``state_known``: the frame decides for each press whether it was dragged at all.
+    Args:
+        presses: The presses.
+        rig: The parts that are not fitted.
+        x: The unknowns.
+        state_known: Let the frame decide for each press whether it was dragged at all.
     """
     dragged = _errors(presses, rig, x, 1.0)
     if not state_known:
@@ -298,8 +333,8 @@ def error_table(
         presses: The presses.
         rig: The parts that are not fitted.
         x: The unknowns.
-        errors: Of the simulation from the labels alone.
-        known: Of the simulation with the state of the drag known.
+        errors: Errors of the simulation from the labels alone.
+        known: Errors of the simulation with the state of the drag known.
     """
     depth, tilt = indentation(x, presses.labels), abs(presses.labels.tilt)
     move = abs(presses.labels.move)

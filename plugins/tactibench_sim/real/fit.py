@@ -39,7 +39,7 @@ STEP = {
     "rest_x": 0.3,
     "rest_y": 0.3,
 }
-"""Steps that count as a comparable change of each unknown."""
+"""Step of each unknown; these steps change the presses by a similar amount."""
 BOUNDS = {
     "air_mm": (0.05, 100.0),
     "gel_mm": (10.0, 60.0),
@@ -48,16 +48,22 @@ BOUNDS = {
     "slip_power": (0.0, 3.0),
     "give_per_mm": (0.0, 0.07),  # at 0.07 the dome would yield more than half at 7 mm of travel
 }
-"""Limits of what is positive by nature; all other unknowns are free."""
+"""Limits of the unknowns that are positive by nature; all others are free."""
 EVERY = 3
-"""One pin in so many is fitted; all are reported."""
+"""One pin in this many is fitted; all are reported."""
 _SOFT = 1e-3
 """Rounds the norm at 0, where it has no slope."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The unknowns, the dome's name (``plate.kinds``), and the mean relative error reached."""
+    """The result of a fit.
+
+    Attributes:
+        unknowns: The fitted unknowns.
+        kind: Name of the dome (``plate.kinds``).
+        loss: Mean relative error that was reached.
+    """
 
     unknowns: Unknowns
     kind: str
@@ -65,12 +71,19 @@ class Fit:
 
 
 def rig_of(presses: Presses, kind: str, lens: str = "fisheye", gel_index: float = 1.41) -> Rig:
-    """Return all that the simulation of these presses needs besides the unknowns."""
+    """Return all that the simulation of presses needs besides the unknowns.
+
+    Args:
+        presses: The presses, whose rest frame and frame side are taken.
+        kind: Name of the dome (``plate.kinds``).
+        lens: "pinhole" or "fisheye".
+        gel_index: Refractive index of the gel.
+    """
     return Rig(plate(kind), presses.rest, presses.side, lens, gel_index)
 
 
 def initial_unknowns(presses: Presses) -> Unknowns:
-    """Return where the fit begins: the axis amid the pins, lengths in px by the frame."""
+    """Return the start of the fit: the axis amid the pins, the focal length scaled to the frame."""
     x, y = presses.rest.mean(axis=0)
     begin = Unknowns(centre_x=float(x), centre_y=float(y))
     return replace(begin, focal_px=begin.focal_px * presses.side / 360)
@@ -85,16 +98,18 @@ def fit(
     states: bool = True,
     steps: int = 30,
 ) -> tuple[Unknowns, float]:
-    """Fit the unknowns: least sum over presses of ||sim - real|| / ||real||.
+    """Fit the unknowns by the least sum over presses of ||sim - real|| / ||real||.
 
-    Norms, not squares: one press with a wrong label weighs no more than any other.
+    The sum is of norms and not of squares, so that one press with a wrong label weighs no more than
+    any other.
 
     Args:
-        presses: To fit to.
+        presses: Presses to fit to.
         rig: The parts that are not fitted.
         begin: Where the fit begins.
         free: Names of the unknowns that are fitted.
-        states: Count each press as dragged or as not dragged, whichever fits it better.
+        states: Take each press as dragged or as not dragged, whichever fits better. False: take all
+            as dragged.
         steps: Evaluations of the residuals, at most.
 
     Returns:
@@ -128,7 +143,13 @@ def fit(
 
 
 def fit_best(presses: Presses, kinds: Sequence[str], steps: int = 30) -> Fit:
-    """Return the fit of all unknowns on the dome of ``kinds`` that fits best."""
+    """Return the fit of all unknowns on the dome of ``kinds`` that fits best.
+
+    Args:
+        presses: Presses to fit to.
+        kinds: Names of domes (``plate.kinds``), at least one.
+        steps: Evaluations of the residuals for each dome, at most.
+    """
     begin, best = initial_unknowns(presses), None
     for kind in kinds:
         unknowns, loss = fit(presses, rig_of(presses, kind), begin, steps=steps)

@@ -27,7 +27,7 @@ from tactibench_sim.real.calibration import Unknowns
 Array = npt.NDArray[np.float64]
 FILE = "plates.npz"
 FINE_DEG = 0.25
-"""Step of the polar angle the tables are refined to, so that linear look-ups do."""
+"""Step of the polar angle of the refined tables, fine enough for linear look-ups."""
 INNER_MM = 19.0
 """Radius of the inner skin, on which the pins stand."""
 ARRAYS = ("press", "patch", "drag")
@@ -35,19 +35,25 @@ ARRAYS = ("press", "patch", "drag")
 APEX_MM = 20.0
 """Radius of the outer skin."""
 _STEEPEST = math.radians(88.0)
-"""Polar angle up to which pins are looked for, just short of the clamped rim."""
+"""Polar angle, rad, up to which pins are looked for, just short of the clamped rim."""
 _ABOVE_WINDOW_MM = 1e-3
-"""A tip that would lie below the window is seen on it, this far above."""
+"""Height above the window at which a tip is seen that would lie below it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plate:
     """The tables of one dome.
 
-    deepest: mm. polar_step: rad. press: (D,) depths, mm -> (T, 3) w inward, t away from the
-    contact, mm, and turn omega of the inner normal, rad. drag: patch radius, rad -> (T, 5) inward,
-    away and around, mm, and two turns, rad, per mm of drag. patch: depth -> angular radius of what
-    touches, rad.
+    Attributes:
+        deepest: Greatest tabulated depth, mm.
+        polar_step: Step of the polar angle, rad.
+        press: Depth, mm -> (T, 3) displacement w inward and t away from the contact, mm, and turn
+            omega of the inner normal, rad.
+        drag: Patch radius, rad -> (T, 5) displacement inward, away and around, mm, and two turns,
+            rad, per mm of drag.
+        patches: Nodes of the patch radius in ``drag``, rad.
+        delta: (D,) nodes of the depth, mm.
+        patch: (D,) angular radius of the part that touches at each depth, rad.
     """
 
     deepest: float
@@ -59,7 +65,7 @@ class Plate:
     patch: Array
 
     def meridians(self, depth: Array) -> Array:
-        """Return (S, T, 8) press and drag of S presses of ``depth`` (S,) mm."""
+        """Return (S, T, 8): the columns of ``press`` and ``drag`` at S depths, mm."""
         radius = np.interp(depth, self.delta, self.patch).clip(self.patches[0], self.patches[-1])
         return np.concatenate([self.press(depth), self.drag(radius)], axis=-1)
 
@@ -96,7 +102,11 @@ def digest() -> str:
 
 
 def read(path: Path) -> dict[str, Array]:
-    """Read a file of plates. Raises UserError where it is unreadable or its hash is wrong."""
+    """Read a file of plates.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     return data_file.read(path, "the tables of plates", "reinstall tactibench.", _arrays)
 
 
@@ -113,7 +123,14 @@ def _shipped() -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Labels of S presses by the robot, (S,) each: depth mm, tilt deg, move mm, turn deg."""
+    """Labels of S presses by the robot.
+
+    Attributes:
+        depth: (S,) mm.
+        tilt: (S,) deg.
+        move: (S,) ways along the plate, mm.
+        turn: (S,) turns, deg.
+    """
 
     depth: Array
     tilt: Array
@@ -130,7 +147,15 @@ class Labels:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """The parts that are not fitted: tables, rest places (P, 2) px, frame side px, lens, index."""
+    """The parts of the simulation that are not fitted.
+
+    Attributes:
+        plate: The tables of a dome.
+        rest: (P, 2) places of the pins at rest, px.
+        side: Side of the frames, px.
+        lens: "pinhole" or "fisheye".
+        gel_index: Refractive index of the gel.
+    """
 
     plate: Plate
     rest: Array
@@ -139,7 +164,11 @@ class Rig:
     gel_index: float = 1.41
 
     def optics(self, x: Unknowns) -> Optics:
-        """Return the camera. Raises UserError for one that cannot be."""
+        """Return the camera.
+
+        Raises:
+            UserError: The unknowns fit no camera (``Optics``).
+        """
         return x.optics(self.side, self.lens, self.gel_index)
 
 
@@ -153,17 +182,23 @@ def travel(x: Unknowns, labels: Labels) -> Array:
 def indentation(x: Unknowns, labels: Labels) -> Array:
     """Return the (S,) depth of the plate in the undeformed dome, mm; below 0: no touch.
 
-    What holds the dome gives way under the force, which grows a little faster than the depth.
+    The base of the dome gives way under the force, which grows a little faster than the depth.
     """
     way = travel(x, labels)
     return np.asarray(way - x.give_per_mm * way.clip(0.0) ** 2, dtype=np.float64)
 
 
 def drag_mm(x: Unknowns, labels: Labels, depth: Array, dragged: Array) -> Array:
-    """Return (S,) mm by which the plate pulled the skin; dragged: (S,) 1 for presses that were.
+    """Return the (S,) ways by which the plate pulled the skin, mm.
 
     The skin follows a plate up to a limit that grows with the load, as Coulomb's friction does, and
     beyond it the plate slips.
+
+    Args:
+        x: The unknowns.
+        labels: Labels of S presses.
+        depth: (S,) indentations, mm.
+        dragged: (S,) 1 for presses that were dragged, 0 for others.
     """
     limit = x.slip_mm * depth**x.slip_power
     moved = (x.drag_per_mm * labels.move + x.drag_per_deg * labels.turn).clip(-limit, limit)
@@ -173,7 +208,7 @@ def drag_mm(x: Unknowns, labels: Labels, depth: Array, dragged: Array) -> Array:
 
 
 def directions(rig: Rig, x: Unknowns) -> Array:
-    """Return (P, 3) unit vectors of the pins, which the camera sees at their rest places."""
+    """Return the (P, 3) unit vectors of the pins that the camera sees at their rest places."""
     polar = np.linspace(0.0, _STEEPEST, 700)
     tip = INNER_MM - x.pin_length_mm
     line = np.stack([tip * np.sin(polar), 0 * polar, tip * np.cos(polar)], axis=-1)
@@ -187,18 +222,27 @@ def directions(rig: Rig, x: Unknowns) -> Array:
 
 
 def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
-    """Return (S, P, 2) displacements of the pins in the frame, px; dragged: (S,) 1 or 0.
+    """Return the (S, P, 2) displacements of the pins in the frame, px.
 
-    Presses deeper than the tables are given their last depth. Raises UserError for a camera that
-    cannot be.
+    Presses deeper than the tables get the greatest tabulated depth.
+
+    Args:
+        rig: The parts that are not fitted.
+        x: The unknowns.
+        labels: Labels of S presses.
+        dragged: (S,) 1 for presses that were dragged, 0 for others.
+
+    Raises:
+        UserError: The unknowns fit no camera (``Optics``).
     """
     return changes(rig, x, labels, dragged)[..., :2]
 
 
 def changes(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
-    """Return (S, P, 3): ``displacements``, and by what factor the pins are seen larger.
+    """Return (S, P, 3): ``displacements``, and the factor by which the pins are seen larger.
 
-    A pressed pin is nearer to the camera, which magnifies it more.
+    A pressed pin is nearer to the camera, which magnifies it more. Args and errors are those of
+    ``displacements``.
     """
     depth = indentation(x, labels).clip(0.0, rig.plate.deepest)
     yaw, tilt = math.radians(x.yaw_deg), np.radians(labels.tilt + x.tilt_offset_deg)
@@ -219,7 +263,7 @@ def changes(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
 
 
 def _seen(rig: Rig, x: Unknowns, tips: Array) -> Array:
-    """Return (..., 3) place and radius, px, of pin tips at (..., 3) mm.
+    """Return the (..., 3) place and radius in the frame, px, of pin tips at (..., 3) mm.
 
     A tip below the window is seen on it.
     """
@@ -234,7 +278,7 @@ def _tips(pins, normal, along, pull, meridian, step, length):  # type: ignore[no
     """Return (S, P, 3) pin tips, mm from the dome's centre.
 
     At a pin b = cos(th) n + sin(th) h the frame is b, e = (cos(th) h - sin(th) n) away from the
-    contact and f = n x h round it; h = cos(phi) a + sin(phi) n x a with the drag along a.
+    contact and f = n x h around it; h = cos(phi) a + sin(phi) n x a with the drag along a.
     """
     scenes, count = normal.shape[0], pins.shape[0]
     last = meridian.shape[1] - 1

@@ -20,7 +20,15 @@ REST = "init_0.png"
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """N presses. rest: (P, 2) px; moved: (N, P, 2) px, NaN for pins not seen; side: px."""
+    """N recorded presses.
+
+    Attributes:
+        names: Names of the frames.
+        labels: Labels of the presses.
+        rest: (P, 2) places of the pins at rest, px.
+        moved: (N, P, 2) displacements of the pins, px; NaN for pins that were not seen.
+        side: Side of the frames, px.
+    """
 
     names: tuple[str, ...]
     labels: Labels
@@ -45,8 +53,14 @@ class Presses:
 def read(folder: Path, least: int) -> Presses:
     """Return all presses of a recording.
 
-    Raises UserError for a folder without targets.csv, its columns, its frames or init_0.png, for
-    a rest frame without pins, and for fewer than ``least`` presses.
+    Args:
+        folder: Folder of the recording.
+        least: Least number of presses.
+
+    Raises:
+        UserError: targets.csv is missing, unreadable, lacks a column or holds a label that is no
+            number; a frame or init_0.png is missing or of another size; the rest frame has no
+            pins; or there are fewer than ``least`` presses.
     """
     import pandas as pd
 

@@ -2,11 +2,11 @@
 
 Version 2 has pictures like the real ones: the white tips are as large at rest as in the real rest
 frame, and a pin that is pressed towards the camera is seen larger. In version 1 all tips are of one
-size and the discs never change.
+size, and a plate never changes the size of the discs.
 
-What no label says is drawn for every press of a plate: whether it drags the skin along and how far,
-and with ``spread`` which sensor instance is pressed. All instances have the same pins at rest.
-Spherical tips press as on the nominal dome.
+What the labels do not say is drawn at random for every press of a plate: whether it drags the skin
+along and how far, and with ``spread`` which sensor instance is pressed. All instances have the same
+pins at rest. Spherical tips press as on the nominal dome.
 """
 
 from __future__ import annotations
@@ -40,16 +40,17 @@ Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
 
 STEEPEST_DEG = 45.0
+"""Largest tilt of a plate, either way."""
 VERSIONS = (1, 2)
 _INSTANCES, _PRESSES = 7, 8
-"""Streams of random numbers beside that of the camera's noise."""
+"""Streams of random numbers, beside that of the camera's noise."""
 _MARKER_MM = {127: 0.36, 331: 0.47}
 """Radius of the white tips, as in the presets of ``sensor``."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Half-widths around the calibration that ``spread`` 1 stands for (assumed)."""
+    """Half-widths of the instances' ranges around the calibration at ``spread`` 1 (assumed)."""
 
     yaw_deg: float = 2.0
     pin_length_mm: float = 0.2
@@ -61,7 +62,8 @@ class Spread:
 class FittedSensor(RenderedSensor):
     """A TacTip that plates press: depth is the indentation along the plate's normal.
 
-    A plate's yaw says where on the frame a positive tilt moves the contact to, 90: down.
+    A plate's yaw is the direction on the frame in which a positive tilt moves the contact; 90:
+    down.
     """
 
     pins = 331
@@ -83,7 +85,7 @@ class FittedSensor(RenderedSensor):
         """Read the calibration and draw the sensor instances.
 
         Args:
-            context: The seed of noise and presses.
+            context: The seed of the noise and of what is drawn for each press.
             size: Side of the frames, px.
             drag: Half the range of a plate's sideways travel, mm.
             dragged: Share of the presses in which the plate takes the skin along.
@@ -91,13 +93,13 @@ class FittedSensor(RenderedSensor):
             individuals: Number of sensor instances, where spread is not 0.
             calibration: Name of a fit that ships (``calibration.SHIPPED``), or path of a file of
                 `sim real --keep`.
-            version: Of the pictures, 1 or 2.
-            threads: Of ``press_many``.
-            **optical: Format of the frames and glare, parameters of ``optics_from``.
+            version: Version of the pictures, 1 or 2.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
+            **optical: Parameters of ``optics_from``: format of the frames, and glare.
 
         Raises:
-            UserError: The file is no calibration, or of a dome without tables; or there is no such
-                version.
+            UserError: ``version`` is neither 1 nor 2, or ``calibration`` is no calibration or is of
+                a dome without tables.
         """
         if version not in VERSIONS:
             raise UserError(f"fitted-{self.pins} has no version {version}; take 1 or 2.")
@@ -135,7 +137,13 @@ class FittedSensor(RenderedSensor):
         return TableMechanics(tables.shipped(), "coupled")
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return (S, P, 3) mm, pin tips under spherical tips; a plate's are known in px alone."""
+        """Return the (S, P, 3) pin tips under spherical tips, mm.
+
+        Under a plate only the places in the frame are known (``moved``).
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         loads = self.mechanics.loads(tips_of(scenes))
         return self.mechanics.pin_tips(loads, self._pins, self._length)
 
@@ -144,14 +152,20 @@ class FittedSensor(RenderedSensor):
         return {self.calibration.recording: self.calibration.frames}
 
     def moved(self, scenes: Sequence[Scene], first: int = 0) -> Array:
-        """Return (S, P, 2) px that the pins move in presses by a plate, number ``first`` and on.
+        """Return the (S, P, 2) displacements of the pins in presses by a plate, px.
 
-        Raises UserError for a press that the tables do not reach.
+        Args:
+            scenes: S presses by a plate.
+            first: Number of the first press, on which the drawn drag and instance depend.
+
+        Raises:
+            UserError: A pose is not finite or too steep, or its depth is negative or beyond the
+                tables.
         """
         return self._changes(scenes, range(first, first + len(scenes)))[..., :2]
 
     def _changes(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> Array:
-        """Return (S, P, 3): px that the pins move, and by what factor they are seen larger."""
+        """Return (S, P, 3): displacements of the pins, px, and the factor on their size."""
         for scene in scenes:
             _refuse(scene, self.rig.plate.deepest)
         drawn = np.array([self._drawn(number) for number in numbers])
@@ -171,7 +185,7 @@ class FittedSensor(RenderedSensor):
         return out
 
     def describe(self) -> dict[str, Any]:
-        """Return everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, except the seed."""
         return {
             "sensor": f"fitted-{self.pins}",
             "size": self.size,
@@ -204,7 +218,7 @@ class FittedSensor(RenderedSensor):
         return self.renderer.disc_frames(x, y, radius, streams(self._seed, first, len(scenes)))
 
     def _drawn(self, number: int) -> Array:
-        """Return (3,) in 0..1 of a press: which instance, whether dragged, how far."""
+        """Return (3,) random numbers in 0..1 of a press: for instance, whether dragged, how far."""
         return self._stream(_PRESSES, number).uniform(size=3)
 
     def _instances(self, nominal: Unknowns) -> tuple[Unknowns, ...]:
@@ -227,7 +241,10 @@ class FittedSensor(RenderedSensor):
         return tuple(instances)
 
     def _stream(self, purpose: int, number: int) -> np.random.Generator:
-        """Return random numbers: instances are the same in every run, presses those of the seed."""
+        """Return a random generator.
+
+        Those of instances are the same in every run, those of presses depend on the seed.
+        """
         if purpose == _INSTANCES:
             return np.random.default_rng([purpose, number])
         key = (*self._seed.spawn_key, purpose, number)
@@ -235,14 +252,14 @@ class FittedSensor(RenderedSensor):
 
 
 class Fitted127(FittedSensor):
-    """127 pins, hexagonal."""
+    """The fitted TacTip with 127 pins in a hexagon."""
 
     pins = 127
     preset = TACTIP_127_FITTED
 
 
 class Fitted331(FittedSensor):
-    """331 pins in ten rings."""
+    """The fitted TacTip with 331 pins in ten rings."""
 
 
 def _rest_radii(preset: Preset, size: int) -> Array:
@@ -255,9 +272,10 @@ def _rest_radii(preset: Preset, size: int) -> Array:
 
 
 def _as_indentation(fitted: Calibration, scale: float) -> Unknowns:
-    """Return the unknowns for labels that are indentation and tilt; yaw is the camera's roll.
+    """Return the unknowns for labels that are indentation and tilt.
 
-    Indentation is that of ``Calibration.label_fit``.
+    Indentation is that of ``Calibration.label_fit``. The yaw that remains is the camera's roll; a
+    plate's own yaw is added to it.
     """
     x, labels = fitted.unknowns, fitted.label_fit or fitted.unknowns
     return replace(

@@ -26,7 +26,13 @@ def frames(
 ) -> Images:
     """Return (S, H, W) or (S, H, W, 3) frames with the sensor's noise, one for each scene.
 
-    Raises UserError for a sensor with other pins than the scenes have.
+    Args:
+        sensor: Sensor whose camera and pins are taken.
+        scenes: S scenes.
+        seed: Seed of the noise.
+
+    Raises:
+        UserError: The sensor has pins where the scenes have none.
     """
     points = np.stack([reference_tips(sensor, scene) for scene in scenes])
     return sensor.renderer.frames(points, streams(seed, 0, len(scenes)))
@@ -38,7 +44,17 @@ def write(
     """Write images/*.png, contacts.csv and sensor.json into a new folder; return the count.
 
     contacts.csv has a row for each contact: image, number, x, y, depth past first touch and radius,
-    mm, scene. images/init_0.png is the untouched sensor. Raises UserError for a folder in use.
+    mm, scene. images/init_0.png is the untouched sensor.
+
+    Args:
+        folder: New or empty folder.
+        sensor: Sensor whose camera and pins are taken.
+        scenes: Scenes, one image each.
+        seed: Seed of the noise.
+
+    Raises:
+        UserError: The folder is not empty or no folder, an image cannot be written, or the sensor
+            has pins where the scenes have none.
     """
     import cv2
 

@@ -3,8 +3,9 @@
 The file that ships holds, for every run, the tips and the displacement of the pin bases and the
 outward normals of the inner skin there at a few depths. Reading it needs no finite elements.
 
-Isolated tips (names s20_...: 20 deg from the apex) come from the runs that the tables' corrections
-for the rim are made of: they tell how well a tier keeps these, not how well it predicts others.
+Isolated tips (names s20_...: 20 deg from the apex) come from the runs from which the tables'
+corrections for the rim were made: they tell how well a tier keeps these runs, not how well it
+predicts others.
 
 The runs have their own error. A single contact at the apex, computed with the same elements of
 1.2 mm edge, differs from the axisymmetric table (elements of 0.08 mm) by at most 0.011 mm at 3 mm
@@ -14,8 +15,8 @@ differences over 0.46 mm and see the elements' edges: they break those symmetrie
 0.2 deg in the median.
 
 Tips of other radii than 3 mm have a file of their own (scripts/fem/press_other_tips.py), at the 127
-pins of one pattern and without normals. No table was made from its runs. So have tips and plates
-that moved sideways and dragged the skin (scripts/fem/press_sideways.py).
+pins of one pattern and without normals. No table was made from its runs. Tips and plates that moved
+sideways and dragged the skin have a file of their own, too (scripts/fem/press_sideways.py).
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ FILE, OTHER_TIPS, SIDEWAYS = "scenes.npz", "other_tips.npz", "sideways.npz"
 RADIUS_MM = 3.0
 """Radius of the tips of FILE."""
 LAYOUTS = (331, 127)
-"""Pins of the patterns whose directions follow each other in every scene."""
+"""Numbers of pins of the patterns, whose directions follow each other in every scene."""
 STEP_MM = 0.25e-3
 """Displacements are rounded to this, to fit 16 bits up to 8 mm."""
 STEP_NORMAL = 1e-4
@@ -51,11 +52,17 @@ STEP_NORMAL = 1e-4
 class ReferenceScene:
     """One press and its field.
 
-    name: of the run; its scenes differ in depth. tips: (K, 3) x, y of the tips' axes and depth past
-    first touch, mm. directions: (P, 3) of the pins at rest. displacement: (P, 3) of their bases,
-    mm. normals: (P, 3) outward, of the pressed inner skin, or NaN. P: the patterns of LAYOUTS in
-    order, or the last of them. radius: of the tips, mm; inf for a plate. friction: Coulomb's
-    coefficient. move: way sideways after first touch, to where the tips are, mm.
+    P counts the pins of the patterns of LAYOUTS in order, or of the last of them.
+
+    Attributes:
+        name: Name of the run; its scenes differ in depth.
+        tips: (K, 3) x, y of the tips' axes and depth past first touch, mm.
+        directions: (P, 3) directions of the pins at rest.
+        displacement: (P, 3) displacements of their bases, mm.
+        normals: (P, 3) outward normals of the pressed inner skin there, or NaN.
+        radius: Radius of the tips, mm; inf for a plate.
+        friction: Coulomb's coefficient.
+        move: Way sideways after first touch, to where the tips are, mm.
     """
 
     name: str
@@ -102,7 +109,13 @@ class ReferenceScene:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The scenes of a file, run by run and by depth. parameters: of the runs. digest: sha256."""
+    """The content of a file of scenes.
+
+    Attributes:
+        scenes: The scenes, run by run and by depth.
+        parameters: Parameters of the runs.
+        digest: sha256 of the file's content.
+    """
 
     scenes: tuple[ReferenceScene, ...]
     parameters: dict[str, Any]
@@ -133,7 +146,11 @@ def shipped_sideways() -> Reference:
 
 
 def read(path: Path) -> Reference:
-    """Read a file of scenes. Raises UserError where it is unreadable or its hash does not fit."""
+    """Read a file of scenes.
+
+    Raises:
+        UserError: The file is unreadable or does not fit its own hash.
+    """
     return data_file.read(path, "the file of reference scenes", "reinstall tactibench.", _reference)
 
 
@@ -150,11 +167,11 @@ def _reference(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str
 
 
 def _slides(arrays: data_file.Arrays) -> Iterator[ReferenceScene]:
-    """Yield the scenes of dragged skin, each of one state."""
+    """Yield the scenes of dragged skin, one for each state."""
     pins = layout(LAYOUTS[-1])
     for k, radius in enumerate(arrays["radius"]):
-        there = np.isfinite(arrays["depth"][k])
-        tips = np.column_stack([arrays["xy"][k], arrays["depth"][k]])[there]
+        exists = np.isfinite(arrays["depth"][k])
+        tips = np.column_stack([arrays["xy"][k], arrays["depth"][k]])[exists]
         u = arrays["u"][k].astype(np.float64)
         x, y = arrays["move"][k].tolist()
         unknown, friction = np.full(u.shape, np.nan), float(arrays["friction"][k])

@@ -1,4 +1,4 @@
-"""A TacTip that was pressed in 3-D finite elements: it has the scenes that ship and no others."""
+"""A TacTip that was pressed in 3-D finite elements: it has the shipped scenes and no others."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class ReferenceTacTip(RenderedSensor):
             context: The seed of the noise.
             instance: Must be 0: the scenes are of the nominal dome.
             table: Must be "", likewise.
-            pin_length: mm; None: the nominal sensor's.
-            threads: Of ``press_many``.
+            pin_length: Length of the pins, mm; None: the nominal sensor's.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **optical: Parameters of the camera.
 
         Raises:
-            UserError: The parameters are of another dome.
+            UserError: ``instance`` or ``table`` is given, which would be another dome.
         """
         if instance or table:
             given = f"instance={instance}" if instance else f"table={table}"
@@ -68,11 +68,15 @@ class ReferenceTacTip(RenderedSensor):
         return dict(self._scenes)
 
     def presses(self) -> dict[str, str]:
-        """Return the run of each scene: an indenter that goes on to several depths presses once."""
+        """Return the run of each scene: an indenter pressed deeper and deeper is one press."""
         return {scene.label: press_of(scene) for scene in self._reference.scenes}
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return the (S, P, 3) pin tips from the dome's centre, mm."""
+        """Return the (S, P, 3) pin tips from the dome's centre, mm.
+
+        Raises:
+            UserError: A scene is none of those that ship.
+        """
         return np.stack([reference_tips(self._sensor, self._field(scene)) for scene in scenes])
 
     def _field(self, scene: Scene) -> ReferenceScene:
@@ -84,25 +88,25 @@ class ReferenceTacTip(RenderedSensor):
         return self._fields[scene]
 
     def describe(self) -> dict[str, Any]:
-        """Return everything that determines the frames, but the seed."""
-        own = self._sensor.describe()
+        """Return everything that determines the frames, except the seed."""
+        nominal = self._sensor.describe()
         for name in ("tier", "tables"):
-            del own[name]
+            del nominal[name]
         return {
-            **own,
-            "sensor": f"{own['sensor']}-fem",
+            **nominal,
+            "sensor": f"{nominal['sensor']}-fem",
             "reference": {**self._reference.parameters, "sha256": self._reference.digest},
         }
 
 
 class Reference127(ReferenceTacTip):
-    """127 pins, hexagonal."""
+    """The TacTip with 127 pins in a hexagon, by finite elements."""
 
     nominal = TacTip127
 
 
 class Reference331(ReferenceTacTip):
-    """331 pins in ten rings."""
+    """The TacTip with 331 pins in ten rings, by finite elements."""
 
     nominal = TacTip331
 
@@ -110,7 +114,8 @@ class Reference331(ReferenceTacTip):
 def reference_tips(sensor: SimulatedTacTip, scene: ReferenceScene) -> Array:
     """Return the (P, 3) tips of a sensor's pins in a reference scene, from the centre, mm.
 
-    Raises UserError for a sensor with other pins than the scenes have.
+    Raises:
+        UserError: The sensor has pins where the scene has none.
     """
     along = sensor.directions @ scene.directions.T
     pin = along.argmax(axis=1)
@@ -127,7 +132,7 @@ def reference_tips(sensor: SimulatedTacTip, scene: ReferenceScene) -> Array:
 def scene_of(reference: ReferenceScene) -> Scene:
     """Return the scene as a rigid indenter that brings every tip to its depth.
 
-    With height h_k = sqrt((R_d + R)^2 - rho_k^2) of a tip's first touch, tip k reaches further by
+    Tip k touches first at the height h_k = sqrt((R_d + R)^2 - rho_k^2). So it reaches further by
     d_k - h_k, up to a constant.
     """
     xy, depth = reference.tips[:, :2], reference.tips[:, 2]
@@ -140,6 +145,6 @@ def scene_of(reference: ReferenceScene) -> Scene:
 
 
 def press_of(reference: ReferenceScene) -> str:
-    """Return the name of the run that a scene is a moment of."""
+    """Return the name of the press that a scene is a moment of."""
     match = _ALONG_NORMAL.fullmatch(reference.name)
     return match[1] if match else reference.name
