@@ -28,11 +28,11 @@ class Axes(MapEncoder):
     """At most one contact <-> (3, H, W): its profiles along x and y, and d / max_depth everywhere.
 
     Profiles are Gaussians of height 1, read by least squares over ``window`` cells. There is no
-    contact where the lower of the two peaks is below the threshold; else that is its score. Depth
-    is the mean of its map. Without a contact all maps are 0.
+    contact where the lower of the two peaks is below the threshold; otherwise its height is the
+    score. Depth is the mean of its map. Without a contact all maps are 0.
 
-    Parameters as declared in ``hooks``. tolerance, mm, holds for their defaults on a 64 x 64 grid
-    of 0.4 mm pitch and any depth; two contacts are never told apart.
+    The parameters are declared in ``hooks``. ``tolerance`` holds for their defaults on a 64 x 64
+    grid of 0.4 mm pitch and any depth; two contacts are never told apart.
     """
 
     channels = 3
@@ -55,7 +55,9 @@ class Axes(MapEncoder):
     def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
         """Return (N, 3, H, W) float32 maps.
 
-        Raises UserError for more than one contact a frame, or a depth outside 0..max_depth.
+        Raises:
+            UserError: A frame has more than one contact, or a depth is not between 0 and
+                ``max_depth``.
         """
         out = np.zeros((len(contacts), self.channels, *grid.shape), dtype=np.float32)
         counts = np.array([len(c) for c in contacts], dtype=np.intp)
@@ -92,10 +94,16 @@ class Axes(MapEncoder):
 def _peak(
     profiles: npt.NDArray[Any], variance: float, window: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (N,) places between cells where profiles (N, L) are highest, and (N,) heights.
+    """Return the (N,) places, cells, where profiles are highest, and their (N,) heights.
 
-    Gauss-Newton on heat for the parabola l(u) = t . [1, u, u^2] of log-heat, as ``least-squares``
-    of ``peaks``; the highest cell where it is not concave or strays. A flat profile is 0 high.
+    It is Gauss-Newton on heat for the parabola l(u) = t . [1, u, u^2] of log-heat, as in
+    ``least-squares`` of ``peaks``. Where the parabola is not concave or strays, the result is the
+    highest cell. A flat profile has the height 0.
+
+    Args:
+        profiles: (N, L) profiles.
+        variance: Variance of the Gaussians, cells^2.
+        window: Cells of the fit, odd.
     """
     rows = np.arange(len(profiles))[:, None]
     size = profiles.shape[1]

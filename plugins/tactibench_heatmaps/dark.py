@@ -19,9 +19,15 @@ _SPREAD = (_TAPS * np.arange(-_REACH, _REACH + 1) ** 2).sum()  # cells^2
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def expand_maps(maps, stray, slope, base, counts, peaks):  # type: ignore[no-untyped-def]
-    """Move peaks (N, most, 3), the row, column and heat of every map's peaks, from their cells.
+    """Move the peaks of every map from their cells.
 
-    stray: square of the farthest way a peak is moved.
+    Args:
+        maps: (N, H, W) maps.
+        stray: Square of the farthest way by which a peak is moved, cells^2.
+        slope: Variance of a peak per heat, cells^2.
+        base: Variance of a peak of heat 0, cells^2.
+        counts: (N,) numbers of peaks.
+        peaks: (N, most, 3) row, column and heat of the peaks, changed in place.
     """
     for n in range(maps.shape[0]):
         for k in range(counts[n]):
@@ -60,7 +66,7 @@ def _move_peak(one, peak, slope, base, stray):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _blurred(one, row, column):  # type: ignore[no-untyped-def]
-    """(5, 5) Gaussian means around a cell that is seven cells or more from the border."""
+    """Return (5, 5) Gaussian means around a cell that is seven cells or more from the border."""
     out, along = np.zeros((5, 5)), np.zeros(5)
     for r in range(-2 - _REACH, 3 + _REACH):
         along[:] = 0.0

@@ -1,4 +1,4 @@
-"""Discs around contacts, drawn and read: the loops over cells. Compiled, all lengths in cells.
+"""Discs around contacts, drawn and read: the compiled loops over cells. All lengths are in cells.
 
 They stand in a file of their own because numba's cache on disk follows changes of one file only.
 The channels are described in ``discs``.
@@ -11,16 +11,21 @@ import math
 import numpy as np
 from numba import njit
 
-# Cells by which another peak must be farther away, for a cell to be read: two peaks that are half a
-# cell's diagonal off each make it uncertain by 1.41.
+# Cells by which another peak must be farther away, for a cell to be read: with two peaks that are
+# off by half a cell's diagonal each, the difference of their distances is uncertain by 1.41.
 _SEAM = 1.5
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def draw_discs(place, ends, variance, reach, out):  # type: ignore[no-untyped-def]
-    """Fill out (N, C, H, W) from place (M, 3), row, column and depth channel of the contacts.
+    """Draw the heat and the discs of contacts.
 
-    ends: (N + 1,), contacts ends[n] to ends[n + 1] are those of map n. C is 2, or 4 with offsets.
+    Args:
+        place: (M, 3) row, column and depth channel of the contacts.
+        ends: (N + 1,), contacts ends[n] to ends[n + 1] are those of map n.
+        variance: Variance of the heat, cells^2.
+        reach: Radius of the discs.
+        out: (N, C, H, W) maps, filled. C is 2, or 4 with offsets.
     """
     _, channels, rows, columns = out.shape
     for n in range(out.shape[0]):
@@ -30,7 +35,7 @@ def draw_discs(place, ends, variance, reach, out):  # type: ignore[no-untyped-de
                 nearest, square = -1, np.inf
                 for k in range(len(mine)):
                     far = (mine[k, 0] - i) ** 2 + (mine[k, 1] - j) ** 2
-                    # of two as near the deeper counts, so that their order does not
+                    # of two equally near ones the deeper counts, so that their order does not
                     if far < square or (far == square and mine[k, 2] > mine[nearest, 2]):
                         nearest, square = k, far
                 within = square <= reach * reach
@@ -48,9 +53,18 @@ def _shown(step, reach):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def read_discs(maps, counts, place, inner, reach, value):  # type: ignore[no-untyped-def]
-    """Fill value (N, most), the depth channel at place (N, most, 3); with offsets, move place.
+    """Read the depth channel at peaks and, with offsets, move the peaks.
 
-    Means over the cells within ``inner`` of a peak that belong to no other, weighted by heat.
+    Both are means over the cells within ``inner`` of a peak that belong to no other peak, weighted
+    by heat.
+
+    Args:
+        maps: (N, C, H, W) maps.
+        counts: (N,) numbers of peaks.
+        place: (N, most, 3) row, column and heat of the peaks; with offsets, changed in place.
+        inner: Distance from a peak within which cells are read.
+        reach: Radius of the discs.
+        value: (N, most) depth channel, filled.
     """
     _, channels, rows, columns = maps.shape
     for n in range(maps.shape[0]):

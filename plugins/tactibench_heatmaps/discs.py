@@ -1,12 +1,14 @@
 """The encoders ``depth`` and ``offset``: a heat of where contacts are, and discs of the rest.
 
-The heat of every contact is a Gaussian of height 1 and one width, so that a shallow contact stands
-out as much as a deep one. In a disc around the contact other channels hold its depth and place,
-the same everywhere in the disc or falling linearly; outside they are neutral. A cell between two
-contacts belongs to the nearer one. Every cell can be learned on its own, by cross-entropy.
+The heat of every contact is a Gaussian of height 1 and one width, so that a shallow contact is as
+visible as a deep one. In a disc around the contact other channels hold its depth and place: the
+depth is constant in the disc, the steps to the contact are linear; outside they are neutral. A cell
+between two contacts belongs to the nearer one. Every cell can be learned on its own, by
+cross-entropy.
 
-Reading takes the mean over the cells around a peak, weighted by heat: noise averages out. Cells
-near the rim of a disc, or as near to another peak, are left out; networks blur them.
+Reading takes the mean over the cells around a peak, weighted by heat, so that noise averages out.
+Cells near the rim of a disc, or about as near to another peak, are left out, because networks blur
+them.
 """
 
 from __future__ import annotations
@@ -20,14 +22,17 @@ from tactibench_heatmaps.disc_loops import draw_discs, read_discs
 from tactibench_heatmaps.encoder import MapEncoder, MapStack, relative_depth
 from tactibench_heatmaps.peaks import TOLERANCE, PeakReader, split_contacts
 
-_RIM = 1.0  # cells inside the rim of a disc that are not read
-_LEAST_REACH = 2.0  # cells
+_RIM = 1.0  # width inside the rim of a disc that is not read, cells
+_LEAST_REACH = 2.0  # least radius of a disc, cells
 
 
 class DiscEncoder(MapEncoder):
     """Contacts <-> heat and discs; the depth is the last channel, d / max_depth.
 
-    peaks: how the heat is read, mm. reach: radius of the discs, mm.
+    Attributes:
+        max_depth: Depth whose channel is 1, mm.
+        reach: Radius of the discs, mm.
+        peaks: How the heat is read, in mm.
     """
 
     def __init__(self, max_depth: float, reach: float, peaks: PeakReader) -> None:
@@ -38,7 +43,9 @@ class DiscEncoder(MapEncoder):
     def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
         """Return (N, C, H, W) float32 maps.
 
-        Raises UserError for a depth outside 0..max_depth, or for discs of less than two cells.
+        Raises:
+            UserError: A depth is not between 0 and ``max_depth``, or the discs reach less than two
+                cells.
         """
         out = np.empty((len(contacts), self.channels, *grid.shape), dtype=np.float32)
         ends = np.cumsum([0, *map(len, contacts)])
@@ -70,11 +77,11 @@ class DiscEncoder(MapEncoder):
 class HeatAndDepth(DiscEncoder):
     """Contacts <-> (2, H, W): a heat of height 1 at every contact, and discs of its depth.
 
-    Parameters as declared in ``hooks``; the heat is read by the decoders of ``peaks``. The score
-    of a contact is the heat of its peak, cut to 0..1.
+    The parameters are declared in ``hooks``; the heat is read by the decoders of ``peaks``. The
+    score of a contact is the heat of its peak, cut to 0..1.
 
-    separation and tolerance, mm, hold for the default parameters on a 64 x 64 grid of 0.4 mm pitch
-    and any depths.
+    ``separation`` and ``tolerance`` hold for the default parameters on a 64 x 64 grid of 0.4 mm
+    pitch and any depths.
     """
 
     channels = 2
@@ -109,13 +116,14 @@ class HeatAndDepth(DiscEncoder):
 class Offsets(DiscEncoder):
     """Contacts <-> (4, H, W): heat, and discs of the steps dx, dy to the contact and of its depth.
 
-    A step of -reach..reach is shown as 0..1, none (outside the discs, too) as 0.5. The contact is
-    read from the mean of the steps of all cells around a peak of the heat, as in G-RMI (Papandreou
-    et al., "Towards Accurate Multi-person Pose Estimation in the Wild", CVPR 2017), whose offsets
-    vote around the peaks of discs. The score is the heat of the peak, cut to 0..1.
+    A step of -reach..reach is shown as 0..1. No step is 0.5, and so is every cell outside the
+    discs. The contact is read from the mean of the steps of all cells around a peak of the heat, as
+    in G-RMI (Papandreou et al., "Towards Accurate Multi-person Pose Estimation in the Wild", CVPR
+    2017), whose offsets vote around the peaks of discs. The score is the heat of the peak, cut to
+    0..1.
 
-    Parameters as declared in ``hooks``. separation and tolerance, mm, hold for their defaults on a
-    64 x 64 grid of 0.4 mm pitch and any depths.
+    The parameters are declared in ``hooks``. ``separation`` and ``tolerance`` hold for their
+    defaults on a 64 x 64 grid of 0.4 mm pitch and any depths.
     """
 
     channels = 4

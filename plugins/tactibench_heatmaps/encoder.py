@@ -12,18 +12,23 @@ from tactibench import Contacts, Encoder, Grid, UserError
 
 MapStack = npt.NDArray[np.float32]
 LARGEST = 1e6
-"""A heat is about 1 at most. What is a million times that can overflow where it is read."""
+"""Largest heat that is read. Heat is about 1 at most; a million times that can overflow."""
 
 
 class MapEncoder(Encoder):
     """Contacts <-> C = ``channels`` maps on the H x W cells of a grid.
 
-    separation: contacts farther apart, mm, are told apart. tolerance: largest error of a round
-    trip, mm.
+    Attributes:
+        separation: Contacts farther apart than this are told apart, mm.
+        tolerance: Largest error of a round trip, mm.
     """
 
     def encode(self, contacts: Contacts, grid: Grid) -> MapStack:
-        """Return (C, H, W) float32 maps. Raises UserError for contacts that they cannot show."""
+        """Return (C, H, W) float32 maps.
+
+        Raises:
+            UserError: The maps cannot show the contacts.
+        """
         maps: MapStack = self.encode_batch([contacts], grid)[0]
         return maps
 
@@ -34,24 +39,39 @@ class MapEncoder(Encoder):
     def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
         """Read contacts from (C, H, W) maps, best first.
 
-        Raises ValueError for another shape, UserError for values that are not finite or beyond
-        ``LARGEST``.
+        Raises:
+            ValueError: The maps have another shape.
+            UserError: A value is not finite or beyond ``LARGEST``.
         """
         return self._decode(_checked(maps, (self.channels, *grid.shape)), grid)[0]
 
     def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
-        """Read contacts from (N, C, H, W) maps, the same as ``decode`` one by one."""
+        """Read contacts from (N, C, H, W) maps, the same as ``decode`` one by one.
+
+        Raises:
+            ValueError: The maps have another shape.
+            UserError: A value is not finite or beyond ``LARGEST``.
+        """
         return self._decode(_checked(maps, (None, self.channels, *grid.shape)), grid)
 
     @abstractmethod
     def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
-        """Contacts of every one of (N, C, H, W) finite, contiguous, writeable maps, best first."""
+        """Return the contacts of each of (N, C, H, W) maps, best first.
+
+        The maps are finite, contiguous and writeable.
+        """
 
 
 def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
-    """Contiguous (N, C, H, W) float32 of maps with the given shape; the input is left as it is.
+    """Return contiguous (N, C, H, W) float32 maps; the input is left as it is.
 
-    Raises ValueError for another shape, UserError for values that no heat has.
+    Args:
+        maps: One map or several.
+        shape: The shape that they must have; None: any size.
+
+    Raises:
+        ValueError: The maps have another shape.
+        UserError: A value is not finite or beyond ``LARGEST``.
     """
     given = np.asarray(maps)
     fits = given.ndim == len(shape) and all(
@@ -69,7 +89,7 @@ def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
             f"{LARGEST:g}; the model that drew them has diverged: train it again, with a lower "
             "learning rate."
         )
-    # a compiled loop for arrays that may not be written to would be compiled apart
+    # for read-only arrays a compiled loop would be compiled once more
     return stack if stack.flags.writeable else stack.copy()
 
 
@@ -77,7 +97,7 @@ def relative_depth(depth: npt.NDArray[np.float64], max_depth: float) -> npt.NDAr
     """Return depths in units of ``max_depth``.
 
     Raises:
-        UserError: for a depth that is not between 0 and ``max_depth``.
+        UserError: A depth is not between 0 and ``max_depth``.
     """
     bad = (depth < 0) | (depth > max_depth + 1e-9)
     if bad.any():

@@ -22,15 +22,16 @@ _BLOCK = 64
 class HertzGaussian(MapEncoder):
     """Contacts <-> one map of Gaussians: height d / max_depth, sigma^2 = R d / 9 + blur^2.
 
-    Parameters as declared in ``hooks``. Kernels combine by maximum and are never rounded to a cell.
+    The parameters are declared in ``hooks``. Kernels combine by maximum and are never rounded to a
+    cell.
 
     The decoders are those of ``peaks``: "maximum" as published, "least-squares", "wide" and
     "dark". For all but "maximum" a bump on the flank of a higher peak is no contact.
 
     The score of a contact is the heat of its peak, cut to 0..1: the deepest comes first.
 
-    separation and tolerance, mm, hold for the default parameters on a 64 x 64 grid of 0.4 mm pitch
-    and depths of 0.5 to 6 mm in any combination.
+    ``separation`` and ``tolerance`` hold for the default parameters on a 64 x 64 grid of 0.4 mm
+    pitch and depths of 0.5 to 6 mm in any combination.
     """
 
     channels = 1
@@ -67,7 +68,7 @@ class HertzGaussian(MapEncoder):
         """Return (N, 1, H, W) float32 maps.
 
         Raises:
-            UserError: for a depth outside 0..max_depth.
+            UserError: A depth is not between 0 and ``max_depth``.
         """
         maps = np.zeros((len(contacts), 1, *grid.shape), dtype=np.float32)
         counts = np.fromiter((len(c) for c in contacts), dtype=np.intp, count=len(contacts))
@@ -84,8 +85,8 @@ class HertzGaussian(MapEncoder):
             block = np.arange(start, min(start + _BLOCK, len(maps)))
             for k in range(counts[block].max()):
                 rows = block[counts[block] > k]
-                which = first[rows] + k
-                kernels = along_y[which, :, None] * along_x[which, None, :]
+                contact = first[rows] + k
+                kernels = along_y[contact, :, None] * along_x[contact, None, :]
                 maps[rows, 0] = np.maximum(maps[rows, 0], kernels) if k else kernels
         return maps
 

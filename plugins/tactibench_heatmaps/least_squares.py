@@ -15,20 +15,27 @@ from numba import njit
 _STEPS = 2
 """Gauss-Newton steps from the start; ``TOLERANCE`` of ``peaks`` holds after two."""
 _MARGIN = math.log(1.15)  # a cell near the seam of two peaks belongs to neither
-_HIGHEST = 4.0  # of a diverging prediction, so that it cannot overflow
+_HIGHEST = 4.0  # limit of a diverging prediction, so that it cannot overflow
 _CEILING = math.log(_HIGHEST)
-_STRETCH = math.log(3.0)  # a fit whose sigma^2 is this far from the kernel's is none
-RISE = math.log(1.6)  # ... nor one this much higher or lower than its cell
+_STRETCH = math.log(3.0)  # a fit whose sigma^2 is this far from the kernel's is rejected
+RISE = math.log(1.6)  # ... and also one this much higher or lower than its cell
 _RIDGE = 1e-12  # far below the smallest sum of weights of a peak at the threshold
-_DROP = 0.1  # the cell next to a peak, in units of the peak, is cut off: below that it is noise
+_DROP = 0.1  # least heat of a cell next to a peak, in units of the peak: below that it is noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_maps(maps, half, free, stray, slope, base, counts, peaks):  # type: ignore[no-untyped-def]
-    """Move peaks (N, most, 3), the row, column and heat of every map's peaks, from their cells.
+    """Move the peaks of every map from their cells.
 
-    half: cells of the fit on each side. free: whether it finds the width. stray: square of the
-    farthest way a peak is moved.
+    Args:
+        maps: (N, H, W) maps.
+        half: Cells of the fit on each side of a peak.
+        free: Whether the fit finds the width of a peak.
+        stray: Square of the farthest way by which a peak is moved, cells^2.
+        slope: Variance of a peak per heat, cells^2.
+        base: Variance of a peak of heat 0, cells^2.
+        counts: (N,) numbers of peaks.
+        peaks: (N, most, 3) row, column and heat of the peaks, changed in place.
     """
     for n in range(maps.shape[0]):
         _fit_peaks(maps[n], peaks[n, : counts[n]], slope, base, half, free, stray)
@@ -88,7 +95,7 @@ def _reaches(peaks, theta, j, k, half):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gauss_newton_step(one, peaks, theta, k, rivals, half, slope, base, free, out):  # type: ignore[no-untyped-def]
-    """One Gauss-Newton step: out (4,) of [1, x, y, x^2 + y^2] around the cell of peak k."""
+    """Fill out (4,) by one Gauss-Newton step: [1, x, y, x^2 + y^2] around the cell of peak k."""
     rows, columns = one.shape
     row, column = int(peaks[k, 0]), int(peaks[k, 1])
     left, right = max(column - half, 0), min(column + half + 1, columns)
@@ -109,9 +116,9 @@ def _gauss_newton_step(one, peaks, theta, k, rivals, half, slope, base, free, ou
             own = True
             for other in rivals:
                 away, down = j - peaks[other, 1], i - peaks[other, 0]
-                there = theta[other]
-                theirs = there[0] + away * (there[1] + there[3] * away)
-                own &= theirs + down * (there[2] + there[3] * down) < logs - _MARGIN
+                rival = theta[other]
+                theirs = rival[0] + away * (rival[1] + rival[3] * away)
+                own &= theirs + down * (rival[2] + rival[3] * down) < logs - _MARGIN
             if not own:
                 continue
             heat = min(factor * across[j - left], _HIGHEST)
@@ -150,7 +157,7 @@ def _gauss_newton_step(one, peaks, theta, k, rivals, half, slope, base, free, ou
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(normal, right, size, out):  # type: ignore[no-untyped-def]
-    """Cholesky's solution from the lower half of ``normal``; NaN where that is not definite."""
+    """Fill out with Cholesky's solution from the lower half of ``normal``; NaN if not definite."""
     for a in range(size):
         for b in range(a + 1):
             value = normal[a, b]
@@ -170,7 +177,10 @@ def _solve(normal, right, size, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def three_points(one, peak):  # type: ignore[no-untyped-def]
-    """Move a peak (3,) by the log-parabola through three cells an axis; not on the border."""
+    """Move a peak (3,) by the log-parabola through three cells along each axis.
+
+    An axis along which the peak is on the border is left out.
+    """
     cell = (int(peak[0]), int(peak[1]))
     centre = rise = math.log(peak[2])
     least = _DROP * peak[2]

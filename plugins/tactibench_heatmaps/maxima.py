@@ -12,16 +12,24 @@ import math
 import numpy as np
 from numba import njit
 
-CANDIDATES = 64  # the highest local maxima of a map that are looked at; bounds the work on noise
-_FLANK = 1.1  # a network's flanks are not quite the kernel's
+CANDIDATES = 64  # highest local maxima of a map that are looked at; bounds the work on noise
+_FLANK = 1.1  # factor on the kernel's flanks; a network's flanks are not quite these
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, peaks):  # type: ignore[no-untyped-def]
-    """Fill counts (N,) and peaks (N, most, 3), the row, column and heat of every map's peaks.
+    """Find the peaks of every map.
 
-    near: square of the distance below which two peaks are one. flanks: whether a bump on a higher
-    peak's flank is none.
+    Args:
+        maps: (N, H, W) maps.
+        threshold: Least heat of a peak.
+        near: Square of the distance below which two peaks are one, cells^2.
+        flanks: Whether a bump on the flank of a higher peak is left out.
+        most: Most peaks of a map.
+        slope: Variance of a peak per heat, cells^2.
+        base: Variance of a peak of heat 0, cells^2.
+        counts: (N,) numbers of peaks, filled.
+        peaks: (N, most, 3) row, column and heat of the peaks, filled.
     """
     cells = np.empty(maps.shape[1] * maps.shape[2], np.int64)
     highest = np.empty(CANDIDATES, np.int64)
@@ -39,7 +47,7 @@ def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, peaks):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _maxima(one, threshold, cells):  # type: ignore[no-untyped-def]
-    """Flat indices of the local maxima of a map into cells; returns how many."""
+    """Fill cells with the flat indices of the local maxima of a map; return how many there are."""
     rows, columns = one.shape
     least = np.float32(threshold)
     column = np.empty(columns, np.float32)
@@ -58,7 +66,7 @@ def _maxima(one, threshold, cells):  # type: ignore[no-untyped-def]
                 continue
             cells[count] = i * columns + j
             count += 1
-            level = 0  # cells of the 3 x 3 as high, itself among them
+            level = 0  # equally high cells of the 3 x 3, itself included
             for r in range(max(i - 1, 0), min(i + 2, rows)):
                 for c in range(left, right + 1):
                     level += one[r, c] == value
@@ -68,7 +76,7 @@ def _maxima(one, threshold, cells):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _without_plateaus(one, cells, count):  # type: ignore[no-untyped-def]
-    """Keep of touching maxima, which are equal, the one nearest to their centre."""
+    """Keep one of touching maxima, which are equal: the one nearest to their centre."""
     rows, columns = one.shape
     if count == rows * columns:
         return 0
@@ -114,7 +122,7 @@ def _central(members, columns):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rank(one, cells, count, highest, heat):  # type: ignore[no-untyped-def]
-    """Put the highest cells in order of falling heat, equal ones in order of place."""
+    """Sort the highest cells by falling heat, equal ones by place; return how many there are."""
     values = one.ravel()
     kept = 0
     for k in range(count):
@@ -132,7 +140,10 @@ def _rank(one, cells, count, highest, heat):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _separate(columns, count, highest, heat, near, bump, slope, base, most):  # type: ignore[no-untyped-def]
-    """Drop the lower of every two peaks that are one, unless the higher was dropped; keep most."""
+    """Drop the lower of two peaks that count as one, unless the higher was dropped.
+
+    Returns how many peaks are left, at most ``most``.
+    """
     kept = 0
     for k in range(count):
         stays = True

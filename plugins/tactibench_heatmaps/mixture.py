@@ -1,4 +1,4 @@
-"""The encoder ``mixture``: per cell the probability, place and depth of a contact, with std."""
+"""The encoder ``mixture``: in each cell the probability, place and depth of a contact, and std."""
 
 from __future__ import annotations
 
@@ -18,17 +18,19 @@ IntArray = npt.NDArray[np.intp]
 class Mixture(MapEncoder):
     """Contacts <-> 7 maps: presence, dx, dy, depth, and the std of x, y and depth.
 
-    The cell nearest to a contact reports it: the probability that there is one, how far it lies
-    from the cell's centre, how deep it is, and how sure that is. All but the probability are mm.
-    Maps like these are learned by the likelihood of ``tactibench.training.mixture_loss``, not cell
-    by cell; coarse grids are enough. A contact without std has the std 0 on the map, and is read
-    back without.
+    The cell nearest to a contact reports it: the probability that there is one, its distance from
+    the cell's centre along x and y, its depth, and their standard deviations. All but the
+    probability are mm. Maps like these are learned by the likelihood of
+    ``tactibench.training.mixture_loss``, not cell by cell; coarse grids are enough. A contact
+    without std has the std 0 on the map, and is read back without std.
 
-    Neighbouring cells whose contacts lie within ``merge`` of each other report the same one
+    Neighbouring cells whose contacts lie within ``merge`` of each other report the same contact
     (``tactibench.training.MixtureReader``), so closer contacts are not told apart. The score of a
-    contact is the sum of their probabilities; a contact below ``threshold`` is none.
+    contact is the sum of their probabilities; a contact whose score is below ``threshold`` is left
+    out.
 
-    tolerance, mm: rounding to float32 up to 100 mm.
+    Attributes:
+        tolerance: Rounding to float32 up to 100 mm, mm.
     """
 
     channels = 7
@@ -41,7 +43,8 @@ class Mixture(MapEncoder):
     def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
         """Return (N, 7, H, W) float32 maps; a contact off the grid belongs to the nearest cell.
 
-        Raises UserError for more contacts than cells.
+        Raises:
+            UserError: A frame has more contacts than the grid has cells.
         """
         maps = np.zeros((len(contacts), self.channels, *grid.shape), dtype=np.float32)
         frame = np.repeat(np.arange(len(contacts)), [len(each) for each in contacts])
@@ -68,7 +71,11 @@ class Mixture(MapEncoder):
 
 
 def _cells(frame: IntArray, xy: FloatArray, grid: Grid) -> tuple[IntArray, IntArray]:
-    """Row and column of the cell of every contact: the nearest that no other one has."""
+    """Return row and column of the cell of every contact: the nearest that no other contact has.
+
+    Raises:
+        UserError: A frame has more contacts than the grid has cells.
+    """
     rows, columns = grid.shape
     place = [np.rint(index).astype(np.intp) for index in grid.cells(xy)]
     cell = place[0].clip(0, rows - 1) * columns + place[1].clip(0, columns - 1)

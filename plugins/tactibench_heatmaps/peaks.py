@@ -12,7 +12,7 @@ Four decoders say where the peak is:
 
 ``least-squares``: around each peak, log-heat is the paraboloid l(u) = t . [1, u_x, u_y, |u|^2].
 Heat h is taken to carry noise of equal size in every cell, so log-heat is weighted by m^2, with
-m = exp(l) the heat that the current estimate predicts; for the same reason the logarithm, which
+m = exp(l) the heat that the current estimate predicts. For the same reason the logarithm, which
 noise near zero would ruin, is replaced by its tangent at m: log h ~ l + (h - m) / m. This is
 Gauss-Newton on heat, and two steps from the kernel at the peak's cell suffice. Cells where another
 peak predicts more heat belong to that one and are left out, so that neighbours do not pull at each
@@ -22,14 +22,14 @@ three cells an axis, and that to the cell itself.
 ``wide``: the same over ``WIDE`` cells a side.
 
 In both, the curvature is free or that of the kernel whose height the estimate has, which is then
-linearised in the height like the rest. The latter is the better reading of networks that have
-learned to draw the kernel; a free one takes the heat of peaks of another width for what it is.
+linearised in the height like the rest. The latter reads networks better that have learned to draw
+the kernel; a free curvature reads the heat of peaks of another width correctly.
 
 ``dark``: Zhang et al., "Distribution-Aware Coordinate Representation for Human Pose Estimation",
 CVPR 2020: the map is blurred by a Gaussian of 2 cells over 11 x 11 cells, and the second-order
 Taylor expansion of its logarithm at the peak's cell is maximised, with the differences of the
-published code. The height lost to the blur is given back for the known kernel. The blur reaches
-into neighbours; peaks within seven cells of the border are read by three cells an axis.
+published code. The height lost to the blur is restored for the known kernel. The blur reaches into
+neighbours; peaks within seven cells of the border are read by three cells an axis.
 """
 
 from __future__ import annotations
@@ -52,20 +52,24 @@ WIDE = 17
 """Cells a side that the decoder `wide` fits: 4 sigma of the default heat to either side."""
 # round-trip error, mm on cells of 0.4 mm: half a cell; differences of a blurred map; two steps
 TOLERANCE = {"maximum": 0.201, "dark": 0.01, "least-squares": 0.002, "wide": 0.002}
-_STRAY = 0.6  # of the narrowest kernel's sigma: noise moves the highest cell this far at most
+_STRAY = 0.6  # in sigmas of the narrowest kernel: noise moves the highest cell this far at most
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """Peaks of N maps."""
+    """Peaks of N maps.
+
+    Attributes:
+        counts: (N,) numbers of peaks.
+        place: (N, most, 3) row, column, heat, best first; the rows behind a map's count have no
+            meaning.
+    """
 
     counts: IntArray
-    """(N,)."""
     place: FloatArray
-    """(N, most, 3) row, column, heat, best first; the rows behind a map's count mean nothing."""
 
     def flat(self, values: FloatArray) -> FloatArray:
-        """Return (K, ...) of (N, most, ...) values of the peaks, those of all maps in turn."""
+        """Return (K, ...) values of all K peaks, map by map, from (N, most, ...) values."""
         if len(self.counts) == 1:
             return values[0, : self.counts[0]]
         return values[np.arange(values.shape[1]) < self.counts[:, None]]
@@ -76,15 +80,15 @@ class PeakReader:
     """The way in which peaks are read.
 
     Attributes:
-        slope: sigma^2 = slope * heat + base of the kernels, mm^2.
-        base: see slope.
-        decoder: one of the four.
-        threshold: least heat.
-        min_distance: between peaks, mm.
-        max_count: of a map.
-        window: cells a side of "least-squares", odd.
-        free: whether the fit finds the width of a peak, or holds it at the kernel's.
-        flanks: whether a peak must also rise above the flanks that the kernel predicts for the
+        slope: Kernels have sigma^2 = slope * heat + base, mm^2.
+        base: See slope.
+        decoder: "maximum", "least-squares", "wide" or "dark".
+        threshold: Least heat of a peak.
+        min_distance: Least distance between peaks, mm.
+        max_count: Most peaks of a map.
+        window: Cells a side of the fit of "least-squares", odd.
+        free: Whether the fit finds the width of a peak, or holds it at the kernel's.
+        flanks: Whether a peak must also rise above the flanks that the kernel predicts for the
             higher peaks of its map, by a tenth of them and half the threshold.
     """
 
@@ -122,7 +126,14 @@ class PeakReader:
 def split_contacts(
     counts: IntArray, xy: FloatArray, depth: FloatArray, score: FloatArray
 ) -> list[Contacts]:
-    """Return the contacts of every map from those of all maps in turn."""
+    """Return the contacts of every map.
+
+    Args:
+        counts: (N,) numbers of contacts of the maps.
+        xy: (K, 2) places of the contacts of all maps, map by map, mm.
+        depth: (K,) depths, mm.
+        score: (K,) scores.
+    """
     if len(counts) == 1:
         return [Contacts(xy, depth, score)]
     ends = [0, *np.cumsum(counts).tolist()]
