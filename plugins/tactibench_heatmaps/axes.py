@@ -28,8 +28,8 @@ class Axes(MapEncoder):
     """At most one contact <-> (3, H, W): its profiles along x and y, and d / max_depth everywhere.
 
     Profiles are Gaussians of height 1, read by least squares over ``window`` cells. There is no
-    contact where the lower of the two peaks is below the threshold; otherwise its height is the
-    score. Depth is the mean of its map. Without a contact all maps are 0.
+    contact where the lower of the two peaks is below the threshold; otherwise its height, cut to 1,
+    is the score. Depth is the mean of its map. Without a contact all maps are 0.
 
     The parameters are declared in ``hooks``. ``tolerance`` holds for their defaults on a 64 x 64
     grid of 0.4 mm pitch and any depth; two contacts are never told apart.

@@ -1,1 +1,1 @@
-"""Superposition fit: contacts whose single-press fields add up to what the pins do."""
+"""Superposition fit: contacts whose single-press fields add up to the motion of the pins."""

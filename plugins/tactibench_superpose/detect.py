@@ -1,4 +1,4 @@
-"""Detection of contacts by greedy insertion, every time with all refined together."""
+"""Detection of contacts by greedy insertion; after each insertion all are refined together."""
 
 from __future__ import annotations
 
@@ -22,97 +22,117 @@ _PITCH_MM = 0.8
 _DEPTHS_MM = (0.3, 0.6, 1.2, 2.4, 4.2)
 """Depths of that lattice, each about twice the one before."""
 _STEPS = 8
-"""Steps of refinement after each insertion; the last solution is then finished."""
+"""Steps of refinement after each insertion; the last solution is then refined further."""
 _FINISH = 12
 """Steps of the last refinement."""
 _OWN = 0.35
-"""A doubtful pin's place is the one that was seen within this share of the pins' spacing of where
-the contacts put it."""
+"""A doubtful pin takes the nearest seen place if that is within this share of the pins' spacing of
+where the contacts put the pin."""
 _DOUBT = 0.04
-"""Weight of a doubtful pin while contacts are looked for: most of those around a crowd are where
-they should be, and without them nothing would tell what presses there."""
+"""Weight of a doubtful pin while contacts are looked for: most doubtful pins around a crowd are
+where they should be, and without them nothing would tell what presses there."""
 _ROUNDS, _KEPT, _NEAR = 4, 0.22, 0.5
-"""Crowded pins are followed again so often. A pin this near to where it is expected, in spacings,
-starts from where it was; one that ends farther off than the other stays doubtful."""
+"""Rounds in which crowded pins are tracked again. A pin nearer than _KEPT spacings to where it is
+expected starts from where it was; one that ends farther off than _NEAR spacings stays doubtful."""
 SHALLOWEST_MM = (0.15, 0.35)
-"""A fit shallower than this is no contact: alone, and beside others, whose misfit it may take."""
+"""Depths below which a fit is no contact: alone, and beside others, whose misfit it may explain."""
 FIRM = 0.3
-"""Share of the misfit that a contact explains from which it is surely there: of training pairs
-with a third contact too many, that had less in 99 of 100. Fainter ones, which may be none, are
-reported but do not shift the firm ones."""
+"""Share of the misfit from which the contact that explains it is surely there: of training pairs
+with a third contact too many, that one explained less in 99 of 100. Fainter contacts, which may not
+be there, are reported but do not shift the firm ones."""
 CLOSEST_MM = 4.0
 """Two fits closer than this are one."""
 _WORTH = 0.1
 """A further contact is tried where one on the lattice gains this share of what it must gain."""
 _STARTS = 2
 _APART_MM = 2.5
-"""From so many places, so far apart, is a further contact looked for."""
+"""Number of places from which a further contact is looked for, and their least distance."""
 _SURER = 1.12
-"""Factor by which a third contact or a further one must lower the misfit that is not usual: of
-training presses that were held out, 231 with a contact too many came to 1.07, and 99 of 100 of
-those with the right ones beyond 1.23."""
+"""Factor by which a third or further contact must lower the misfit that is not usual. Of training
+presses that were held out, 231 with a contact too many reached 1.07, and 99 of 100 of those with
+the right ones exceeded 1.23."""
 _CROWD = 1.1
-"""Factor on the gain of a third contact or a further one: of 150 simulated training pairs four had
-a third one by a gain of 1.2 and none by 1.3; as many triples were complete."""
+"""Factor on the gain of a third or further contact: of 150 simulated training pairs, four got a
+third one with a gain of 1.2 and none with 1.3; as many triples were complete."""
 _NOISE = 8.0
-"""chi^2 by displacement below which nothing more is looked for; a doubtful one counts less."""
+"""chi^2 per displacement below which no further contact is looked for; a doubtful displacement
+counts less."""
 _TURNS, _ASIDE_MM, _SHARE = 6, 3.5, 0.75
-"""A contact is parted in so many directions, so far to either side, at this share of its depth."""
+"""A contact is split in this many directions, to this distance on either side, at this share of its
+depth."""
 _MOTIONS = (2.0, 2.0, 0.05, 0.005)
-"""Deviations of the image's motion: px along x and y, rad and logarithm of the size. A camera that
-was remounted moves so far; beyond, pins are taken for others anyway."""
+"""Standard deviations of the image's motion: px along x and y, rad and logarithm of the size. A
+camera that was remounted moves this far; beyond it, pins are mistaken for others anyway."""
 _MOTION_GAIN = 1.6
-"""Factor by which a motion of the image must lower the misfit: of presses of a camera that had not
-moved, single ones came to at most 1.09 and pairs, whose law is not exact, to 1.3."""
+"""Factor by which a motion of the image must lower the misfit: with a camera that had not moved,
+single presses reached at most 1.09 and pairs, whose law is not exact, 1.3."""
 _SUSPECT = 1.1
-"""The same from which a frame is searched once more with a motion."""
+"""Such a factor from which a frame is searched once more with a motion."""
 _MOTION_ROUNDS, _MOTION_STEPS = 2, 2
-"""A motion is taken back and looked for again so often; steps of the trial whether there is one."""
+"""Rounds in which a motion is looked for and removed, and steps of the trial whether there is
+one."""
 _FIRST = 50.0
 """chi^2 below which no misfit is worth a contact, however large its share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The contacts of a frame, and what they were found in."""
+    """The contacts of a frame, and the displacements in which they were found.
+
+    Attributes:
+        solution: The contacts of the one frame, their nuisances, and the misfit.
+        share: (K,) shares of the misfit that each contact explains.
+        moved: (Q,) displacements, px.
+        weight: (Q,) 1 / variance, 1 / px^2; 0 for pins that were not sure.
+        cost: The misfit, chi^2, and the nuisances' part (``cost_of``).
+    """
 
     solution: Solution
-    """The contacts of the one frame, their nuisances, and the misfit."""
     share: Array
-    """(K,) of the misfit that each contact explains."""
     moved: Array
-    """(Q,) displacements, px."""
     weight: Array
-    """(Q,) 1 / variance, 1 / px^2; 0 for pins that were not sure."""
     cost: float
-    """The misfit, chi^2, and the nuisances' part (``cost_of``)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A search for the contacts of a frame."""
+    """A search for the contacts of a frame.
+
+    Attributes:
+        field: Field of one contact.
+        pins: The pins of the sensor.
+        weight: (Q,) 1 / variance of the displacements, 1 / px^2.
+        gain: Factor by which a further contact must lower the misfit.
+        most: Most contacts of a frame.
+        places: (M, 3) contacts on a lattice, mm.
+        shapes: (M, Q) displacements by these contacts, px.
+        squares: (M, Q) squares of ``shapes``, px^2.
+        model_error: The usual residual of several contacts.
+        motions: (R, Q) displacements by each motion of the image that is looked for, px.
+    """
 
     field: Field
-    """Field of one contact."""
     pins: AlignedPins
     weight: Array
-    """(Q,) 1 / variance of the displacements, 1 / px^2."""
     gain: float
-    """Factor by which a further contact must lower the misfit."""
     most: int
-    """Most contacts of a frame."""
     places: Array
-    """(M, 3) contacts on a lattice, mm."""
     shapes: npt.NDArray[np.float32]
-    """(M, Q) px, their displacements."""
     squares: npt.NDArray[np.float32]
     model_error: ModelError
     motions: Array
-    """(R, Q) px, displacements by each motion of the image that is looked for."""
 
     @classmethod
     def of(cls, field: Field, pins: AlignedPins, weight: Array, gain: float, most: int) -> Self:
-        """Compute the fields of contacts on a lattice over the workspace once."""
+        """Return a detector; the fields of contacts on a lattice are computed once.
+
+        Args:
+            field: Field of one contact, whose range the lattice covers.
+            pins: The pins of the sensor.
+            weight: (Q,) 1 / variance of the displacements, 1 / px^2.
+            gain: Factor by which a further contact must lower the misfit.
+            most: Most contacts of a frame.
+        """
         low, high = field.low, field.high
         sides = [np.arange(a, b + 1e-9, _PITCH_MM) for a, b in zip(low[:2], high[:2], strict=True)]
         depths = np.array([d for d in _DEPTHS_MM if d < high[2]])
@@ -129,8 +149,8 @@ class Detector:
 
         Args:
             image: (H, W) gray.
-            moved: (Q,) px, as ``AlignedPins.track`` gives them.
-            sure: (P,) alike.
+            moved: (Q,) displacements, px, as ``AlignedPins.track`` returns them.
+            sure: (P,) whether a pin is surely itself, likewise.
         """
         still = self._search(image, moved, sure)
         tried = replace(self, motions=_motions_of(self.pins.rest))
@@ -143,22 +163,22 @@ class Detector:
             places = tried.pins.rest + moved.reshape(2, -1).T
             moved = (motion.back(places) - tried.pins.rest).T.reshape(-1)
             tried = replace(tried, pins=tried.pins.moved(motion))
-        # Without the motion more contacts may have been taken for it: each must be worth its gain.
+        # Without the motion, further contacts may have stood for it: each must be worth its gain.
         more = len(still.share) - len(with_motion.share)
         worth = _MOTION_GAIN if more <= 0 else 1.0
         return with_motion if with_motion.cost * worth < still.cost * self.gain**more else still
 
     def _search(self, image: Image, moved: Array, sure: Flags) -> Found:
-        """The contacts of one frame that moves no further than ``motions`` say.
+        """Return the contacts of one frame, whose image may move by ``motions`` only.
 
-        Doubtful pins wait until contacts are found, which then predict where each one is.
+        Doubtful pins wait until contacts are found, which then predict where each pin is.
         """
         weight = self.weight * np.tile(np.where(sure, 1.0, _DOUBT), 2)
         best = self._insert(moved, weight, self._nothing(moved, weight))
         if best.contacts.size and not sure.all():
             moved, sure, _ = self._retrack(image, moved, sure, self._likeliest(moved, sure, best))
             weight = self.weight * np.tile(sure, 2)
-            # From nothing: a contact may have been put where pins had been taken for others.
+            # From nothing: a contact may have been put where pins were mistaken for others.
             best = self._insert(moved, weight, self._nothing(moved, weight))
         if not best.contacts.size:
             return Found(best, np.empty(0), moved, weight, self._cost(best, weight))
@@ -169,7 +189,7 @@ class Detector:
         return Found(solution, share, moved, weight, self._cost(solution, weight))
 
     def _nothing(self, moved: Array, weight: Array) -> Solution:
-        """The solution without contacts: all that moved is the image, if it may."""
+        """Return the solution without contacts: only the image moves, if it may."""
         return self._solve(moved, np.zeros((1, 0, 3)), weight, _STEPS)
 
     def _solve(self, moved: Array, start: Array, weight: Array, steps: int) -> Solution:
@@ -179,39 +199,42 @@ class Detector:
         return cost_of(solution, weight, self.field.ways)
 
     def _own(self, solution: Solution) -> Array:
-        """(K, Q) displacements by every contact of the one frame."""
+        """Return the (K, Q) displacements by every contact of the one frame, px."""
         return self.field(solution.contacts[0], solution.nuisances[0, : self.field.ways])
 
     def _motion(self, solution: Solution) -> Similarity:
-        """The motion of the image that was fitted with the contacts."""
+        """Return the motion of the image that was fitted with the contacts."""
         x, y, turn, stretch = solution.nuisances[0, self.field.ways :] * _MOTIONS
         return Similarity.of(np.array([x, y]), turn, stretch, self.pins.rest.mean(axis=0))
 
     def explain(self, images: Image, contacts: Array) -> tuple[Array, Array]:
-        """Return the equivalents of true contacts in their frames, and what these leave.
+        """Return the equivalents of true contacts in their frames, and the residuals.
 
         Args:
-            images: (S, H, W).
-            contacts: (S, K, 3) mm.
+            images: (S, H, W) gray.
+            contacts: (S, K, 3) true contacts, mm.
 
         Returns:
-            (S, K, 3) equivalents, mm, and (C, Q) px of the frames whose pins were all sure.
+            (S, K, 3) equivalents, mm, and (C, Q) residuals, px, of frames whose pins were all sure.
         """
         moved, sure = self.pins.track(images)
         weight = self.weight * np.tile(sure, (1, 2))
         best = solve(self.field, moved, contacts, weight, _FINISH)
         equivalents, clear = best.contacts, sure.all(axis=1)
         for row in np.flatnonzero(~clear):
-            own = slice(row, row + 1)
+            one_row = slice(row, row + 1)
             start = Solution(
-                equivalents[own], best.left[own], best.normal[own], best.nuisances[own]
+                equivalents[one_row],
+                best.left[one_row],
+                best.normal[one_row],
+                best.nuisances[one_row],
             )
             _, _, end = self._retrack(images[row], moved[row], sure[row], start)
             equivalents[row] = end.contacts[0]
         return equivalents, best.left[clear]
 
     def _insert(self, moved: Array, weight: Array, best: Solution) -> Solution:
-        """The solution with as many contacts as are worth it."""
+        """Return the solution with as many contacts as are worth their gain."""
         while best.contacts.shape[1] < self.most:
             more = self._add_contact(moved, weight, best)
             if more is None:
@@ -220,7 +243,7 @@ class Detector:
         return best
 
     def _surer(self, moved: Array, weight: Array, current: Solution, more: Solution) -> bool:
-        """Return whether more contacts explain the usual residual of several, too."""
+        """Return whether more contacts also lower the misfit that is not usual by enough."""
         if not self.model_error.learned or current.contacts.shape[1] < 2:
             return True
         sure = (weight >= self.weight)[: len(weight) // 2]
@@ -228,20 +251,20 @@ class Detector:
         return before >= _SURER * after
 
     def _likeliest(self, moved: Array, sure: Flags, best: Solution) -> Solution:
-        """Several contacts where the sure pins put them, given the usual residual.
+        """Return several contacts where the sure pins put them, given the usual residual.
 
-        With the pins of a crowd missing, plain least squares puts deep contacts up to 3 mm wrong.
+        Where pins of a crowd are missing, plain least squares puts deep contacts up to 3 mm off.
         """
         if not self.model_error.learned or best.contacts.shape[1] < 2:
             return best
         contacts, nuisances, _ = self._solve_whitened(moved, sure, best)
-        found = replace(best, contacts=contacts, nuisances=nuisances)
-        return replace(found, left=moved[None] - self._expected(found))
+        likeliest = replace(best, contacts=contacts, nuisances=nuisances)
+        return replace(likeliest, left=moved[None] - self._expected(likeliest))
 
     def _solve_whitened(
         self, moved: Array, sure: Flags, start: Solution
     ) -> tuple[Array, Array, float]:
-        """(1, K, 3) contacts and nuisances that leave the least unusual residual, and its chi^2."""
+        """Return (1, K, 3) contacts and nuisances of the least unusual residual, and its chi^2."""
         whitener = self.model_error.whitener(sure)
         ones = np.ones(whitener.shape[1])
         solution = solve(
@@ -250,7 +273,7 @@ class Detector:
         return solution.contacts, solution.nuisances, self._cost(solution, ones)
 
     def _expected(self, solution: Solution) -> Array:
-        """(Q,) displacements by contacts and the image's motion together."""
+        """Return the (Q,) displacements by contacts and the image's motion together, px."""
         moving = solution.nuisances[0, self.field.ways :]
         expected: Array = self._own(solution).sum(axis=0) + moving @ self.motions
         return expected
@@ -258,16 +281,19 @@ class Detector:
     def _retrack(
         self, image: Image, moved: Array, sure: Flags, best: Solution
     ) -> tuple[Array, Flags, Solution]:
-        """Displacements, which are sure, and contacts: pins tracked from where these put them.
+        """Track pins again from where the contacts put them.
 
-        Repeated, because better contacts put the pins of a crowd better.
+        This is repeated, because better contacts put the pins of a crowd better.
+
+        Returns:
+            (Q,) displacements, px; (P,) whether a pin is sure; and the contacts.
         """
         for turn in range(_ROUNDS):
             expected = self._expected(best)
             near = sure if turn == 0 else self._distance(moved, expected) < _KEPT
             start = np.where(np.tile(near, 2), moved, expected)
             again, seen = self.pins.retrack(image[None], start[None])
-            if not seen.any():  # pins without a profile: only places that were seen can be taken
+            if not seen.any():  # pins without a profile can only take places that were seen
                 moved, sure = self._assign_seen(moved, sure, expected)
             else:
                 moved, sure = again[0], seen[0] & (self._distance(again[0], expected) < _NEAR)
@@ -278,12 +304,15 @@ class Detector:
         return moved, sure, best
 
     def _distance(self, moved: Array, expected: Array) -> Array:
-        """(P,) distances of pins from their expected places, in spacings."""
+        """Return the (P,) distances of pins from their expected places, in spacings."""
         distance: Array = np.hypot(*(moved - expected).reshape(2, -1)) / self.pins.pitch
         return distance
 
     def _add_contact(self, moved: Array, weight: Array, current: Solution) -> Solution | None:
-        """The best solution with one contact more: a new one or, failing that, one split in two."""
+        """Return the best solution with one contact more, None if it is not worth it.
+
+        It has a new contact or, where none is accepted, one that is split in two.
+        """
         cost = self._cost(current, weight)
         if cost < _NOISE * (weight / self.weight).sum():
             return None
@@ -301,11 +330,11 @@ class Detector:
             yield np.concatenate([current.contacts, candidate], axis=1)
 
     def _splits(self, weight: Array, current: Solution) -> Iterator[Array]:
-        """Yield every contact parted into two, in the direction that lowers the misfit most.
+        """Yield the contacts with each one split in two, in the direction that lowers misfit most.
 
         Two contacts that were taken for one lie on either side of it, too near to be found as new.
         """
-        own, z = self._own(current), current.nuisances[0, : self.field.ways]
+        displaced, z = self._own(current), current.nuisances[0, : self.field.ways]
         for k in range(current.contacts.shape[1]):
             others = np.delete(current.contacts[0], k, axis=0)
             x, y, depth = current.contacts[0, k]
@@ -319,14 +348,17 @@ class Detector:
                     for a in turned
                 ]
             )
-            left = current.left[0] + own[k] - self.field(pairs, z).sum(axis=1)
+            left = current.left[0] + displaced[k] - self.field(pairs, z).sum(axis=1)
             best = int(np.argmin((weight * left**2).sum(axis=1)))
             yield np.concatenate([others, pairs[best]])[None]
 
     def _accept(
         self, ends: list[Solution], moved: Array, weight: Array, current: Solution
     ) -> Solution | None:
-        """The plausible solution of least misfit that is better than the current one by enough."""
+        """Return the plausible solution of least misfit if it is enough better than the current.
+
+        None: there is none.
+        """
         cost = self._cost(current, weight)
         gain = self.gain * (_CROWD if current.contacts.shape[1] > 1 else 1.0)
         for end in sorted(ends, key=lambda end: self._cost(end, weight)):
@@ -337,7 +369,7 @@ class Detector:
         return None
 
     def _assign_seen(self, moved: Array, sure: Flags, expected: Array) -> tuple[Array, Flags]:
-        """Assign doubtful pins the seen places near to where the contacts put them."""
+        """Assign to doubtful pins the seen places near to where the contacts put them."""
         seen = self.pins.rest + moved.reshape(2, -1).T
         wanted = self.pins.rest + expected.reshape(2, -1).T
         doubtful = np.flatnonzero(~sure)
@@ -350,7 +382,7 @@ class Detector:
         return assigned.reshape(-1), assured
 
     def _candidates(self, current: Solution, weight: Array, worth: float) -> list[Array]:
-        """Lattice contacts (1, 1, 3) that lower the misfit most, apart from each other."""
+        """Return lattice contacts (1, 1, 3) that lower the misfit most, apart from each other."""
         left = (weight * current.left[0]).astype(np.float32)
         gained = 2 * (self.shapes @ left) - self.squares @ weight.astype(np.float32)
         for contact in current.contacts[0]:
@@ -373,8 +405,8 @@ class Detector:
 
 
 def _motions_of(rest: Array) -> Array:
-    """(4, Q) displacements of pins (P, 2) by motions of the image of one deviation each."""
+    """Return (4, Q) displacements, px, of pins (P, 2) by image motions of one deviation each."""
     x, y = (rest - rest.mean(axis=0)).T
-    one, none = np.ones_like(x), np.zeros_like(x)
-    ways = [(one, none), (none, one), (-y, x), (x, y)]
+    ones, zeros = np.ones_like(x), np.zeros_like(x)
+    ways = [(ones, zeros), (zeros, ones), (-y, x), (x, y)]
     return np.stack([size * np.concatenate(way) for size, way in zip(_MOTIONS, ways, strict=True)])

@@ -1,4 +1,4 @@
-"""The weights of ``superpose``: everything that a training ends with, and its arrays."""
+"""The weights of ``superpose``: the results of a training, and their arrays."""
 
 from __future__ import annotations
 
@@ -19,27 +19,33 @@ Image = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """All that a training ends with."""
+    """All results of a training.
+
+    Attributes:
+        family: Fields of single contacts on every sensor.
+        rest_image: (side, side) gray, the first training sensor at rest, for frames that carry no
+            rest image. Its pins are the layout of all sensors.
+        weight: (Q,) 1 / variance of the displacements, 1 / px^2.
+        model_error: The usual residual of presses with several contacts.
+        law: How contacts shift their neighbours.
+        residual: What the law leaves of pairs.
+        spread: Standard deviations of answers.
+    """
 
     family: FieldFamily
     rest_image: Image
-    """(side, side) gray, the first training sensor at rest, for frames that carry no rest image.
-
-    Its pins are the layout of all sensors.
-    """
     weight: Array
-    """(Q,) 1 / variance of the displacements, 1 / px^2."""
     model_error: ModelError
     law: NeighbourLaw
     residual: Residual
     spread: Spread
 
     def shift(self, equivalents: Array) -> Array:
-        """Return (1, K, 3) mm from equivalents (1, K, 3) to their contacts."""
+        """Return the (1, K, 3) shifts, mm, from equivalents (1, K, 3) to their contacts."""
         return self.law.shift(equivalents) + self.residual.shift(equivalents)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return all of it by name."""
+        """Return all results as arrays by name."""
         family, residual = self.family, self.residual
         return {
             "coefficients": family.field.coefficients,
@@ -63,7 +69,7 @@ class Learned:
 
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """Return what arrays of ``arrays`` hold."""
+        """Return the results from what ``arrays`` returned."""
         covariance, weight = arrays["numbers_covariance"], arrays["weight"]
         field = Field(arrays["coefficients"], arrays["low"], arrays["step"], len(covariance))
         clues = Clues(arrays["rests"], arrays["clues"])

@@ -47,41 +47,44 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 _QUIETEST_PX = 0.003
-"""No displacement is believed to be known better than this."""
+"""Least standard deviation that a displacement is assumed to have."""
 _HELD_OUT = 8
-"""One of so many training presses with several contacts is left out of the law, to measure the
-errors of answers, and one of so many training sensors of the fields. With every fourth press left
-out the law is a quarter worse than the one from all."""
+"""One in this many training presses with several contacts is left out of the law, to measure the
+errors of answers, and one in this many training sensors is left out of the fields. With every
+fourth press left out the law is a quarter worse than the one from all presses."""
 _PRIORS: dict[str, Prior] = {"dome": "nominal mechanics", "none": "plain addition"}
-"""Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
+"""Parameter ``neighbours`` -> what the model knew before it saw frames, as a row states it."""
 _KEPT = 2
-"""Sensors whose fields stay in memory, 100 MB each where they vary."""
+"""Number of sensors whose fields stay in memory, 100 MB each where they vary."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Pins:
-    """The pins of a frame."""
+    """The pins of a frame.
+
+    Attributes:
+        sensor: Number of the frame's sensor.
+        image: (side, side) gray.
+        moved: (Q,) displacements, px of the layout.
+        sure: (P,) whether a pin is surely itself.
+    """
 
     sensor: int
-    """Number of its sensor."""
     image: Image
-    """(side, side) gray."""
     moved: Array
-    """(Q,) px of the layout."""
     sure: npt.NDArray[np.bool_]
-    """(P,) whether a pin is surely itself."""
 
 
 class Superpose(Model):
     """Several contacts from fields that were learned from single presses.
 
     The displacement of all pins is a smooth function of one contact's x, y and depth (``Field``).
-    A frame is explained by as many contacts as it takes, found greedily and refined together by
-    Gauss-Newton; each one found is the *equivalent* of a contact, from which its neighbours'
-    influence is then taken back (``NeighbourLaw``).
+    A frame is explained by as many contacts as are needed, found greedily and refined together by
+    Gauss-Newton. Each of these is the *equivalent* of a contact, from which its neighbours'
+    influence is then removed (``NeighbourLaw``).
 
     Trained on several sensors of a make, it learns how their fields vary (``FieldFamily``). What a
-    sensor's rest frame and labelled presses of it leave open is fitted to every frame.
+    sensor's rest frame and its labelled presses leave open is fitted to every frame.
     """
 
     def __init__(
@@ -109,12 +112,12 @@ class Superpose(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Learn the fields from the single presses, and the law from the others where it may.
+        """Learn the fields from single presses and, unless neighbours="none", the law from others.
 
         Nothing is drawn at random.
 
         Raises:
-            UserError: for too few single presses or no rest image.
+            UserError: There are too few single presses, or there is no rest image.
         """
         del rng
         began = time.perf_counter()
@@ -124,8 +127,8 @@ class Superpose(Model):
         single = self._single_presses(frames, truth)
         tested = self._single_presses(*validation)
         learned_from = single
-        if (several := len(np.unique(single.sensors))) >= 2 * SENSORS_A_WAY:
-            # Errors are those on sensors that the fields were not learned from.
+        if (sensor_count := len(np.unique(single.sensors))) >= 2 * SENSORS_A_WAY:
+            # Errors are measured on sensors from which the fields were not learned.
             strange = np.unique(single.sensors)[::_HELD_OUT]
             learned_from, left_out = single.parted(strange)
             tested = left_out.with_others(tested.parted(strange)[1])
@@ -163,19 +166,19 @@ class Superpose(Model):
         neighbours = self._settings["neighbours"]
         fitted = bool(groups) and neighbours == "dome"
         prior: Prior = "fitted to multi-contact labels" if fitted else _PRIORS[neighbours]
-        if several > 1:
-            notes |= {"sensors": several, "numbers_a_sensor": family.field.ways}
+        if sensor_count > 1:
+            notes |= {"sensors": sensor_count, "numbers_a_sensor": family.field.ways}
         return FitReport(1, time.perf_counter() - began, notes=notes, prior=prior)
 
     def _single_presses(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> SinglePresses:
         rows = single_press_rows(truth)
-        own = [frames[int(row)] for row in rows]
+        singles = [frames[int(row)] for row in rows]
         contacts = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
-        sensors = np.array([self._sensors.number(frame) for frame in own], dtype=np.intp)
-        moved = np.empty((len(own), 2 * len(self._sensors[0].rest)))
-        for row, pins in enumerate(self._pins(own)):
+        sensors = np.array([self._sensors.number(frame) for frame in singles], dtype=np.intp)
+        moved = np.empty((len(singles), 2 * len(self._sensors[0].rest)))
+        for row, pins in enumerate(self._pins(singles)):
             moved[row] = pins.moved
-        return SinglePresses(own, contacts, moved, sensors)
+        return SinglePresses(singles, contacts, moved, sensors)
 
     def _learn_family(self, presses: SinglePresses) -> FieldFamily:
         numbers, sensors = np.unique(presses.sensors, return_inverse=True)
@@ -183,13 +186,13 @@ class Superpose(Model):
         return FieldFamily.learn(presses.contacts, presses.moved, sensors, rests)
 
     def _unexplained(self, family: FieldFamily, presses: SinglePresses) -> Array:
-        """(N, Q) px that the fields of every sensor leave of its presses, its numbers known."""
+        """Return the (N, Q) residuals of presses, px, with each sensor's numbers fitted to them."""
         left = np.empty_like(presses.moved)
         for number in np.unique(presses.sensors):
-            own = presses.sensors == number
-            known = presses.contacts[own], presses.moved[own]
-            field = family.of_sensor(self._sensors[int(number)].layout_clues, *known)
-            left[own] = known[1] - field(known[0])
+            rows = presses.sensors == number
+            labelled = presses.contacts[rows], presses.moved[rows]
+            field = family.of_sensor(self._sensors[int(number)].layout_clues, *labelled)
+            left[rows] = labelled[1] - field(labelled[0])
         return left
 
     def _see(self, sensors: AlignedSensors) -> None:
@@ -212,7 +215,10 @@ class Superpose(Model):
     def _explain_groups(
         self, frames: Sequence[Frame], truth: Sequence[Answer]
     ) -> list[MultiContactPresses]:
-        """Explain the presses with several contacts; none where no law is wanted."""
+        """Explain the presses with several contacts, one group for each number of contacts.
+
+        There is no group where ``neighbours`` is "none".
+        """
         if self._settings["neighbours"] == "none":
             return []
         return [
@@ -221,7 +227,7 @@ class Superpose(Model):
         ]
 
     def _explain(self, frames: Sequence[Frame], contacts: Array) -> tuple[Array, Array]:
-        """Return the equivalents of true contacts in frames, and what these leave (``explain``)."""
+        """Return the equivalents of true contacts, and the residuals (``Detector.explain``)."""
         equivalents, left = np.empty_like(contacts), []
         for number, rows in self._sensors.rows(frames).items():
             images = self._sensors[number].pins.images([frames[row] for row in rows])
@@ -239,8 +245,11 @@ class Superpose(Model):
     def errors(self, frames: Sequence[Frame], wanted: Array) -> tuple[list[Clues], list[Array]]:
         """Return the causes of errors, and the errors (K, 3) mm, of frames with known contacts.
 
-        Frames in which another number of contacts is found are left out. wanted: (N, K, 3) x, y,
-        depth mm.
+        Frames in which another number of contacts is found are left out.
+
+        Args:
+            frames: N frames.
+            wanted: (N, K, 3) true x, y, depth, mm.
         """
         clues, errors = [], []
         for found, true in zip(self._fit(self._pins(frames)), wanted, strict=True):
@@ -267,22 +276,22 @@ class Superpose(Model):
     timed_as = "float64, as it predicts"
 
     def parameter_count(self) -> int:
-        """Numbers that were learned."""
+        """Return the number of learned numbers."""
         learned = self._ready()
         law = learned.law.pair.size + learned.law.crowd.size
         law += learned.residual.along.size + learned.residual.across.size
         return int(learned.family.field.coefficients.size + law)
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any] | None:
-        """Learn the numbers of a sensor from labelled single presses of it."""
+        """Learn the numbers of each sensor from its labelled single presses."""
         self._shown = {}
         self._use(self._ready())
         if not self._ready().family.field.ways:
             return None
         presses = self._single_presses(frames, truth)
         for number in np.unique(presses.sensors):
-            own = presses.sensors == number
-            self._shown[int(number)] = presses.contacts[own], presses.moved[own]
+            rows = presses.sensors == number
+            self._shown[int(number)] = presses.contacts[rows], presses.moved[rows]
         return {"single_presses": len(presses.frames)}
 
     def _pins(self, frames: Sequence[Frame]) -> list[_Pins]:
@@ -295,12 +304,12 @@ class Superpose(Model):
         return [pins for pins in out if pins is not None]
 
     def _fit(self, frames: Sequence[_Pins]) -> list[Found]:
-        found: list[Found | None] = [None] * len(frames)
-        # Sensor by sensor, because the fields of few stay in memory.
+        results: list[Found | None] = [None] * len(frames)
+        # Sensor by sensor, because only the fields of a few sensors stay in memory.
         for row in sorted(range(len(frames)), key=lambda row: frames[row].sensor):
             frame = frames[row]
-            found[row] = self._detector(frame.sensor).find(frame.image, frame.moved, frame.sure)
-        return [each for each in found if each is not None]
+            results[row] = self._detector(frame.sensor).find(frame.image, frame.moved, frame.sure)
+        return [each for each in results if each is not None]
 
     def _contacts(self, frames: Sequence[Found]) -> list[Contacts]:
         spread, deepest = self._ready().spread, self._context.max_depth * 1.2
@@ -315,7 +324,7 @@ class Superpose(Model):
         return out
 
     def _correct(self, found: Found) -> tuple[Array, Clues]:
-        """(K, 3) contacts behind the equivalents that were found, and the causes of their errors.
+        """Return the (K, 3) contacts of the found equivalents, mm, and the causes of their errors.
 
         Faint contacts do not shift the firm ones.
         """
@@ -341,7 +350,11 @@ class Superpose(Model):
         )
 
     def load(self, directory: Path) -> None:
-        """Read weights. Raises UserError for those of another model or other settings."""
+        """Read weights.
+
+        Raises:
+            UserError: The weights are missing or damaged, or of another model or other settings.
+        """
         tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
         learned = Learned.of({name: value.numpy() for name, value in tensors.items()})
         self._see(AlignedSensors(PinTracker(learned.rest_image)))

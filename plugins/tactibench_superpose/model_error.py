@@ -1,8 +1,9 @@
 """The error of superposed fields of single presses for several contacts, by its covariance.
 
 Contacts shift and weaken each other, so that superposed fields leave a residual far beyond the
-camera's noise. It looks alike from press to press. Measured by its covariance, a further contact
-that only explains the usual residual is worth nothing, and a faint one that is really there much.
+camera's noise. It is similar from press to press. Measured by its covariance, a further contact
+that only explains the usual residual is worth nothing, and a faint one that is really there is
+worth much.
 """
 
 from __future__ import annotations
@@ -18,29 +19,40 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 FEWEST = 300
-"""Presses with several contacts from which a covariance is learned."""
+"""Least number of presses with several contacts from which a covariance is learned."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """The usual residual of presses with several contacts."""
+    """The usual residual of presses with several contacts.
+
+    Attributes:
+        covariance: (Q, Q) covariance, in standard deviations of the noise; (0, 0): unknown.
+        scale: (Q,) factors from px to standard deviations of the noise.
+    """
 
     covariance: Array
-    """(Q, Q), in standard deviations of the noise; (0, 0): unknown."""
     scale: Array
-    """(Q,) from px to these."""
 
     @classmethod
     def unknown(cls, weight: Array) -> Self:
-        """Return one without a covariance. weight: (Q,) 1 / variance of the noise, 1 / px^2."""
+        """Return a model error whose covariance is unknown.
+
+        Args:
+            weight: (Q,) 1 / variance of the noise, 1 / px^2.
+        """
         return cls(np.empty((0, 0)), np.sqrt(weight))
 
     @classmethod
     def learn(cls, left: Array, weight: Array) -> Self:
-        """Learn from residuals (N, Q) px of presses with their true contacts.
+        """Learn the covariance from residuals of presses explained by their true contacts.
 
-        No direction is taken to be known better than the noise allows. weight: (Q,) of the noise,
-        1 / px^2.
+        In no direction is the variance taken to be less than that of the noise. With fewer than
+        FEWEST residuals the covariance stays unknown.
+
+        Args:
+            left: (N, Q) residuals, px.
+            weight: (Q,) 1 / variance of the noise, 1 / px^2.
         """
         if len(left) < FEWEST:
             return cls.unknown(weight)
@@ -50,13 +62,16 @@ class ModelError:
 
     @property
     def learned(self) -> bool:
-        """True if there were presses to learn from."""
+        """True if there were enough presses to learn from."""
         return bool(self.covariance.size)
 
     def whitener(self, sure: Flags) -> Array:
-        """Return (Q, M) that makes residuals of the sure pins (P,) independent, of variance 1.
+        """Return the (Q, M) matrix that whitens residuals of the sure pins.
 
-        M is twice the number of these pins.
+        It makes them independent, of variance 1. M is twice the number of these pins.
+
+        Args:
+            sure: (P,) whether a pin is sure.
         """
         return (
             self._whitener_of_all

@@ -21,24 +21,28 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 _ELSEWHERE = 1.0
-"""Weight with which the law is held to the nominal one where no press was. With it, after level
-pairs and triangles of 8 mm, OSPA is 0.083 mm on uneven pairs, 0.088 on crooked triangles and 0.37
-on three in a row, and without it 0.58, 0.28 and 1.00; on what was trained 0.024 and 0.081, without
-it 0.024 and 0.088 (``benchmarks/held_out_geometry.py``, 100 presses of another seed)."""
+"""Weight with which the law is held to the nominal one where there was no press. With it, after a
+training on level pairs and triangles of 8 mm, OSPA is 0.083 mm on uneven pairs, 0.088 on crooked
+triangles and 0.37 on three in a row; without it 0.58, 0.28 and 1.00. On the trained shapes it is
+0.024 and 0.081 with it, and 0.024 and 0.088 without it (``benchmarks/held_out_geometry.py``, 100
+presses of another seed)."""
 
 
 @dataclass(frozen=True, eq=False)
 class MultiContactPresses:
-    """Presses with the same number of contacts."""
+    """Presses with the same number of contacts.
+
+    Attributes:
+        rows: (S,) rows among all frames.
+        contacts: (S, K, 3) true contacts, mm.
+        equivalents: (S, K, 3) equivalents, mm.
+        left: (C, Q) residuals of the equivalents, px, in frames whose pins were all sure.
+    """
 
     rows: Rows
-    """(S,) among all frames."""
     contacts: Array
-    """(S, K, 3) mm."""
     equivalents: Array
-    """(S, K, 3) mm."""
     left: Array
-    """(C, Q) px that the equivalents leave of the frames whose pins were all sure."""
 
     @classmethod
     def of(
@@ -48,13 +52,20 @@ class MultiContactPresses:
         truth: Sequence[Answer],
         rows: Rows,
     ) -> Self:
-        """Return presses whose frames are explained by their true contacts (``explain``)."""
+        """Return presses whose frames are explained by their true contacts.
+
+        Args:
+            explain: Returns equivalents and residuals of frames with (S, K, 3) true contacts, mm.
+            frames: All frames.
+            truth: The true contacts of all frames.
+            rows: (S,) rows of the presses among the frames.
+        """
         contacts = contact_array([truth[int(row)] for row in rows])
         return cls(rows, contacts, *explain([frames[int(row)] for row in rows], contacts))
 
     @property
     def shifts(self) -> Array:
-        """(S, K, 3) mm from the equivalents to the contacts."""
+        """Shifts (S, K, 3) from the equivalents to the contacts, mm."""
         return self.contacts - self.equivalents
 
 
@@ -67,9 +78,13 @@ def rows_by_count(truth: Sequence[Answer]) -> list[Rows]:
 def learn_laws(
     groups: Sequence[MultiContactPresses], held_out: int | None = None
 ) -> tuple[NeighbourLaw, Residual]:
-    """Return how contacts act on each other, learned from presses; the nominal law without any.
+    """Return the law of how contacts act on each other, and what it leaves of pairs.
 
-    held_out: one in so many presses of a group, from its first, is left out.
+    Without presses it is the nominal law.
+
+    Args:
+        groups: Presses to learn from.
+        held_out: One in this many presses of a group, from its first, is left out; None: none is.
     """
     equivalents, shifts = [], []
     for group in groups:

@@ -14,23 +14,27 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SinglePresses:
-    """Frames with one contact."""
+    """Frames with one contact.
+
+    Attributes:
+        frames: N frames.
+        contacts: (N, 3) x, y, depth, mm.
+        moved: (N, Q) displacements of the pins, px of the layout.
+        sensors: (N,) numbers of the sensors.
+    """
 
     frames: list[Frame]
     contacts: Array
-    """(N, 3) mm."""
     moved: Array
-    """(N, Q) px of the layout."""
     sensors: npt.NDArray[np.intp]
-    """(N,) numbers."""
 
     def parted(self, sensors: npt.NDArray[np.intp]) -> tuple[SinglePresses, SinglePresses]:
-        """Return the presses on other sensors than these, and those on these."""
-        there = np.isin(self.sensors, sensors)
-        return self._some(~there), self._some(there)
+        """Return the presses on all other sensors, and those on the given sensors."""
+        given = np.isin(self.sensors, sensors)
+        return self._some(~given), self._some(given)
 
     def with_others(self, other: SinglePresses) -> SinglePresses:
-        """Return these presses and others."""
+        """Return these presses and the others together."""
         return SinglePresses(
             self.frames + other.frames,
             np.concatenate([self.contacts, other.contacts]),
@@ -39,5 +43,5 @@ class SinglePresses:
         )
 
     def _some(self, rows: npt.NDArray[np.bool_]) -> SinglePresses:
-        own = [frame for frame, there in zip(self.frames, rows, strict=True) if there]
-        return SinglePresses(own, self.contacts[rows], self.moved[rows], self.sensors[rows])
+        frames = [frame for frame, keep in zip(self.frames, rows, strict=True) if keep]
+        return SinglePresses(frames, self.contacts[rows], self.moved[rows], self.sensors[rows])

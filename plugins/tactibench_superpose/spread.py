@@ -2,10 +2,10 @@
 
     variance = floor^2 + (a noise)^2 + (b shift)^2 + (c misfit)^2
 
-noise: deviation of the least-squares fit, mm. shift: distance of a contact from its equivalent,
-mm. misfit: chi^2 by degree of freedom. One set of (floor, a, b, c) for x and y and one for depth,
-of contacts alone, in pairs and in larger groups. Depth takes the noise of x and y: what is left
-unexplained there is seldom the camera's.
+The noise is the deviation of the least-squares fit, mm, the shift the distance of a contact from
+its equivalent, mm, and the misfit chi^2 per degree of freedom. There is one set of (floor, a, b, c)
+for x and y and one for depth, of contacts alone, in pairs and in larger groups. For depth the noise
+is that of x and y: what is left unexplained there is seldom the camera's noise.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from tactibench.superposition import hold_of
 Array = npt.NDArray[np.float64]
 
 GROUPS = 3
-"""Alone, two, three and more."""
+"""Number of groups: one contact, two, and three or more."""
 _LARGEST_MM = 3.0
 """Largest deviation that is stated."""
 _ROUNDS = 20
-"""Turns of reweighting."""
+"""Rounds of reweighting."""
 _WINSOR = 9.0
-"""Squared errors are cut at so many variances (3 standard deviations), so that wrong contacts do
-not widen all."""
+"""Squared errors are cut at this many variances (3 standard deviations), so that wrong contacts do
+not widen all deviations."""
 _FEWEST = 30
-"""Contacts from which a spread is learned."""
+"""Least number of contacts from which a spread is learned."""
 _NORMAL_95, _PLANE_95 = 1.959964, 2.447747
 """95 % quantiles of a normal error along one axis, and of its length in the plane (Rayleigh)."""
 
@@ -41,7 +41,10 @@ _NORMAL_95, _PLANE_95 = 1.959964, 2.447747
 class Clues:
     """Causes of the deviations of the K contacts of one frame.
 
-    noise, shift: (K, 2) of x and y together and of depth, mm; misfit: (K, 2).
+    Attributes:
+        noise: (K, 2) deviations of the fit, for x and y together and for depth, mm.
+        shift: (K, 2) distances from the equivalents, likewise.
+        misfit: (K, 2) chi^2 per degree of freedom.
     """
 
     noise: Array
@@ -50,13 +53,13 @@ class Clues:
 
     @classmethod
     def of(cls, normal: Array, misfit: float, shift: Array, varies: bool = False) -> Clues:
-        """Return those of one frame.
+        """Return the causes in one frame.
 
         Args:
-            normal: (3 K, 3 K) of the fit.
-            misfit: chi^2 by degree of freedom.
-            shift: (K, 3) mm.
-            varies: whether fields differ from sensor to sensor. Misfit beyond the noise is then
+            normal: (3 K, 3 K) normal matrix of the fit.
+            misfit: chi^2 per degree of freedom.
+            shift: (K, 3) shifts from the equivalents to the contacts, mm.
+            varies: Whether fields differ from sensor to sensor. Misfit beyond the noise is then
                 correlated, and counts as it does in the fit (``hold_of``).
         """
         count = len(shift)
@@ -67,28 +70,31 @@ class Clues:
         if count == 1:  # what a single field leaves unexplained is noise of another size
             noise = max(1.0, misfit)
             plane = plane * np.sqrt(noise * (hold_of(noise) if varies else 1.0))
-        both = np.ones((count, 2))
+        ones = np.ones((count, 2))
         return cls(
-            both * plane[:, None],
-            both * np.linalg.norm(shift, axis=1, keepdims=True),
-            both * misfit,
+            ones * plane[:, None],
+            ones * np.linalg.norm(shift, axis=1, keepdims=True),
+            ones * misfit,
         )
 
     @property
     def squares(self) -> Array:
-        """(K, 2, 4) of floor, noise, shift and misfit."""
+        """Squares (K, 2, 4) of 1 (the floor), noise, shift and misfit."""
         return np.stack([np.ones_like(self.noise), self.noise, self.shift, self.misfit], -1) ** 2
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """The size of each cause."""
+    """The size of each cause.
+
+    Attributes:
+        terms: (3, 2, 4) floor, a, b, c of each group, for x and y and for depth.
+    """
 
     terms: Array
-    """(3, 2, 4) floor, a, b, c by group and for x and y, and depth."""
 
     def std(self, clues: Clues) -> Array:
-        """Return (K, 3) mm of the contacts of one frame."""
+        """Return the (K, 3) standard deviations of the contacts of one frame, mm."""
         terms = self.terms[min(len(clues.noise), GROUPS) - 1]
         plane, depth = np.sqrt((clues.squares * terms**2).sum(axis=-1)).T
         out: Array = np.stack([plane, plane, depth], axis=1).clip(1e-4, _LARGEST_MM)
@@ -97,11 +103,18 @@ class Spread:
     def with_group(
         self, count: int, clues: list[Clues], errors: list[Array], floor: bool = True
     ) -> Spread:
-        """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames.
+        """Return this spread with the group of ``count`` contacts fitted to errors.
 
-        floor: whether errors have a least size. One learned on a few sensors is not that of others,
-        whose misfit says more: of truths on eight unseen sensors unlike the training's 82 % were in
-        the 95 % intervals of depth with it, and 93 % without.
+        With too few errors the spread stays as it is.
+
+        Args:
+            count: Number of contacts; GROUPS stands for more, too.
+            clues: Causes of the errors, frame by frame.
+            errors: (K, 3) errors of each frame, mm.
+            floor: Whether errors have a least size. A floor that was learned on a few sensors does
+                not hold for others, whose misfit says more: on eight unseen sensors unlike those of
+                the training, 82 % of the truths were in the 95 % intervals of depth with it, and
+                93 % without.
         """
         if sum(len(error) for error in errors) < _FEWEST:
             return self
@@ -119,9 +132,15 @@ class Spread:
 
 
 def _fit_terms(squares: Array, wanted: Array, size: Array, quantile: float) -> Array:
-    """(4,) terms whose variance follows ``wanted``; 95 % of the sizes lie within the quantile.
+    """Return (4,) terms whose variance follows ``wanted``; 95 % of the sizes are in the quantile.
 
-    Non-negative least squares weighted by 1 / variance, errors beyond three deviations cut there.
+    It is non-negative least squares weighted by 1 / variance; errors are cut at three deviations.
+
+    Args:
+        squares: (N, 4) squares of the causes.
+        wanted: (N,) squared errors along one axis, mm^2.
+        size: (N,) sizes of the errors, mm.
+        quantile: 95 % quantile of the errors, in deviations.
     """
     from scipy.optimize import nnls
 
