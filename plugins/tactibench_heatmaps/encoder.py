@@ -94,7 +94,7 @@ def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
 
 
 def relative_depth(depth: npt.NDArray[np.float64], max_depth: float) -> npt.NDArray[np.float64]:
-    """Return depths in units of ``max_depth``.
+    """Return depths, mm, in units of ``max_depth``, mm.
 
     Raises:
         UserError: A depth is not between 0 and ``max_depth``.

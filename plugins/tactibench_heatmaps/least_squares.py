@@ -113,13 +113,13 @@ def _gauss_newton_step(one, peaks, theta, k, rivals, half, slope, base, free, ou
         for j in range(left, right):
             x = j - column
             logs = along + x * (t1 + t3 * x)
-            own = True
+            owned = True
             for other in rivals:
                 away, down = j - peaks[other, 1], i - peaks[other, 0]
                 rival = theta[other]
                 theirs = rival[0] + away * (rival[1] + rival[3] * away)
-                own &= theirs + down * (rival[2] + rival[3] * down) < logs - _MARGIN
-            if not own:
+                owned &= theirs + down * (rival[2] + rival[3] * down) < logs - _MARGIN
+            if not owned:
                 continue
             heat = min(factor * across[j - left], _HIGHEST)
             target = heat * (one[i, j] + heat * (logs - 1.0))

@@ -36,12 +36,12 @@ def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, peaks):
     heat = np.empty(CANDIDATES, np.float64)
     bump = 0.5 * threshold if flanks else -1.0
     for n in range(maps.shape[0]):
-        one = maps[n]
-        count = _rank(one, cells, _maxima(one, threshold, cells), highest, heat)
-        count = _separate(one.shape[1], count, highest, heat, near, bump, slope, base, most)
+        heatmap = maps[n]
+        count = _rank(heatmap, cells, _maxima(heatmap, threshold, cells), highest, heat)
+        count = _separate(heatmap.shape[1], count, highest, heat, near, bump, slope, base, most)
         counts[n] = count
         for k in range(count):
-            peaks[n, k, 0], peaks[n, k, 1] = divmod(highest[k], one.shape[1])
+            peaks[n, k, 0], peaks[n, k, 1] = divmod(highest[k], heatmap.shape[1])
             peaks[n, k, 2] = heat[k]
 
 
@@ -54,11 +54,11 @@ def _maxima(one, threshold, cells):  # type: ignore[no-untyped-def]
     count, tie = 0, False
     for i in range(rows):
         above, below = one[max(i - 1, 0)], one[min(i + 1, rows - 1)]
-        here = one[i]
+        middle = one[i]
         for j in range(columns):  # the highest of three rows; this loop runs in vectors
-            column[j] = max(max(above[j], below[j]), here[j])
+            column[j] = max(max(above[j], below[j]), middle[j])
         for j in range(columns):
-            value = here[j]
+            value = middle[j]
             if value < least or value < column[j]:
                 continue
             left, right = max(j - 1, 0), min(j + 1, columns - 1)

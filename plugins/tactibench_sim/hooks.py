@@ -214,12 +214,12 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             name=f"tactip-{pins}",
             target=f"tactibench_sim.sensor:TacTip{pins}",
             summary=f"simulated TacTip, {pins} pins, finite-element fields, camera behind a window",
-            parameters=(*DOME, *own),
+            parameters=(*DOME, *camera),
             origin="simulated",
             retired=RETIRED,
             versions={2: VERSIONS[pins]},
         )
-        for pins, own in optics.items()
+        for pins, camera in optics.items()
     )
     flat = optical(pin_radius=0.3, camera_distance=30.0, focal=1.15)
     planar = SensorSpec(

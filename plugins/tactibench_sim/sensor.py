@@ -299,6 +299,13 @@ class SimulatedTacTip(RenderedSensor):
 
         It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
         reached there.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+
+        Raises:
+            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
         """
         from tactibench_sim.bounds import covariance  # few protocols ask for bounds
 
@@ -342,7 +349,15 @@ class SimulatedTacTip(RenderedSensor):
         return touching
 
     def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
-        """Return the squared d' of the scene's two contacts against the nearest single one."""
+        """Return the squared d' of the scene's two contacts against the nearest single one.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+
+        Raises:
+            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
+        """
         from tactibench_sim.detection import deviance  # few protocols ask for limits
 
         return deviance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)

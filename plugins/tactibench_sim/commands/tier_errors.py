@@ -184,6 +184,11 @@ def _nominal(scene: ReferenceScene) -> bool:
 def judge(name: str, tier: ForceMechanics, scenes: Sequence[ReferenceScene]) -> TierErrors:
     """Compare a tier with every scene and time it.
 
+    Args:
+        name: Name of the tier.
+        tier: The tier, without friction.
+        scenes: The scenes, with friction or without.
+
     Raises:
         UserError: The tier computes none of the scenes.
     """
@@ -318,7 +323,7 @@ def _row(tier: str, metric: str, group: str, value: float, unit: str) -> dict[st
 
 
 def pooled(errors: Sequence[Errors], quantity: str) -> Array:
-    """Return one quantity of all pins of several scenes."""
+    """Return one of QUANTITIES of all pins of several scenes."""
     return np.concatenate([getattr(e, quantity) for e in errors])
 
 

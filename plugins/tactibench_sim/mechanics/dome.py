@@ -44,7 +44,8 @@ TABLE_TIERS = ("coupled", "superpose")
 class Mechanics(Protocol):
     """A tier: how contacts displace the dome.
 
-    ``loads`` returns what the other methods of the same tier take.
+    ``loads`` returns what the other methods of the same tier take. Their ``directions`` are (P, 3)
+    unit vectors from the dome's centre.
 
     Attributes:
         tier: Name of the tier.
@@ -296,12 +297,12 @@ def meridians(depth: Array, polar: Array, values: Sequence[Sequence[Array]]) -> 
     stack = np.array(values, dtype=np.float64)
     stack[..., 0, :] = 0.0
     slope = CubicSpline(polar, stack, axis=-1, bc_type=("clamped", "not-a-knot"))(polar, 1)
-    both = np.stack([stack, slope], axis=-1)  # (M, Q, D, T, 2)
-    rate = CubicSpline(depth, both, axis=2)(depth, 1)
-    m, q, d, t, _ = both.shape
+    with_slope = np.stack([stack, slope], axis=-1)  # (M, Q, D, T, 2)
+    rate = CubicSpline(depth, with_slope, axis=2)(depth, 1)
+    m, q, d, t, _ = with_slope.shape
     order = (0, 2, 3, 1, 4)  # what one look-up needs lies together
     value, rate = (
         np.ascontiguousarray(array.transpose(order)).reshape(m, d, t, 2 * q)
-        for array in (both, rate)
+        for array in (with_slope, rate)
     )
     return Meridians(value, rate, float(depth[1]), float(polar[1]))

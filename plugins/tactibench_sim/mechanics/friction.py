@@ -67,7 +67,14 @@ class Pull:
     force: Array
 
     def add(self, table: Array, directions: Array, u: Array, q: Array) -> None:
-        """Add the response of one skin's table at (P, 3) directions to u and q (S, P, 3)."""
+        """Add the response of one skin.
+
+        Args:
+            table: ``inner`` or ``outer`` of the drag tables.
+            directions: (P, 3) unit vectors.
+            u: (S, P, 3) displacement of the batch, mm, to which the response is added.
+            q: (S, P, 3) turn of the normals, rad, likewise.
+        """
         steps = self.table.depth_step, self.table.polar_step
         at = plain(directions)
         _add_field(table, *steps, self.rows, self.n, self.delta, self.force, at, u, q)
@@ -224,13 +231,13 @@ def _respond(  # type: ignore[no-untyped-def]
     along, across = px * hx + py * hy + pz * hz, -(px * fx + py * fy + pz * fz)
     a, c = (1.0 - y) * (1.0 - x), (1.0 - y) * x
     d, g = y * (1.0 - x), y * x
-    here, beside = table[low, left], table[low, left + 1]
-    deeper, both = table[low + 1, left], table[low + 1, left + 1]
-    w = along * (a * here[0] + c * beside[0] + d * deeper[0] + g * both[0])
-    t = along * (a * here[1] + c * beside[1] + d * deeper[1] + g * both[1])
-    v = across * (a * here[2] + c * beside[2] + d * deeper[2] + g * both[2])
-    turn_e = along * (a * here[3] + c * beside[3] + d * deeper[3] + g * both[3])
-    turn_f = across * (a * here[4] + c * beside[4] + d * deeper[4] + g * both[4])
+    node, beside = table[low, left], table[low, left + 1]
+    deeper, deeper_beside = table[low + 1, left], table[low + 1, left + 1]
+    w = along * (a * node[0] + c * beside[0] + d * deeper[0] + g * deeper_beside[0])
+    t = along * (a * node[1] + c * beside[1] + d * deeper[1] + g * deeper_beside[1])
+    v = across * (a * node[2] + c * beside[2] + d * deeper[2] + g * deeper_beside[2])
+    turn_e = along * (a * node[3] + c * beside[3] + d * deeper[3] + g * deeper_beside[3])
+    turn_f = across * (a * node[4] + c * beside[4] + d * deeper[4] + g * deeper_beside[4])
     ex, ey, ez = cosine * hx - sine * n[0], cosine * hy - sine * n[1], cosine * hz - sine * n[2]
     return (
         t * ex - w * b[0] + v * fx,

@@ -118,7 +118,15 @@ def hermite(fraction: float, step: float) -> tuple[float, float, float, float]:
 
 @jit
 def at_depth(table: Meridians, indenter: int, depth: float, scale: float, out: Array) -> None:
-    """Fill out (T, 2 Q) with the meridian at a depth, times scale."""
+    """Fill out (T, 2 Q) with the meridian at a depth, times scale.
+
+    Args:
+        table: The fields.
+        indenter: Index of the indenter.
+        depth: Depth, mm.
+        scale: Factor on all quantities.
+        out: (T, 2 Q), filled.
+    """
     at = depth / table.depth_step
     row = min(max(int(at), 0), table.value.shape[1] - 2)
     a, b, c, d = hermite(at - row, table.depth_step)
@@ -136,7 +144,14 @@ def at_depth(table: Meridians, indenter: int, depth: float, scale: float, out: A
 
 @jit
 def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float:
-    """Return one quantity at an angle, rad; zero beyond the last node (the clamped rim)."""
+    """Return one quantity at an angle; zero beyond the last node (the clamped rim).
+
+    Args:
+        meridian: (T, 2 Q) quantities, each with its slope.
+        step: Step of the angles, rad.
+        polar: Angle from the contact, rad.
+        quantity: Index of the quantity.
+    """
     at = polar / step
     last = meridian.shape[0] - 1
     if at > last:
@@ -155,7 +170,7 @@ def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float
 
 @jit
 def depression(table: Meridians, indenter: int, depth: float, polar: float) -> float:
-    """Return the first quantity (inward displacement, mm) at a depth and an angle, rad."""
+    """Return the first quantity (inward displacement, mm) at a depth, mm, and an angle, rad."""
     at, up = polar / table.polar_step, depth / table.depth_step
     last = table.value.shape[2] - 1
     if at > last:
@@ -186,7 +201,13 @@ def weights(fraction: float) -> tuple[float, float, float, float]:
 
 @jit
 def place(value: float, step: float, nodes: int) -> tuple[int, float]:
-    """Return the index of the first of four coefficients and the place between the middle two."""
+    """Return the index of the first of four coefficients and the place between the middle two.
+
+    Args:
+        value: Value on an axis.
+        step: Step of its nodes.
+        nodes: Number of nodes.
+    """
     at = value / step
     left = min(max(math.floor(at), 0), nodes - 2)
     return left, min(max(at - left, 0.0), 1.0)
@@ -333,8 +354,8 @@ def _share_again(
                     first = _load_at(i, j, n, effective, depth)
                     second = _load_at(j, i, n, effective, depth)
                     ratio = min(max(first * second / alone[i, j], 0.0), 1.0)
-                own = own_share(i, j, n, effective) * own_share(j, i, n, effective)
-                strength[i, j] = strength[j, i] = own * ratio**POWER
+                shares = own_share(i, j, n, effective) * own_share(j, i, n, effective)
+                strength[i, j] = strength[j, i] = shares * ratio**POWER
                 for k in range(count):
                     extra[k] += strength[i, j] * moved[i, j, k]
         effective, depth = _share(skin, table, n, delta, extra)
@@ -365,7 +386,12 @@ def _ordered(tips: Index, n: Array, delta: Array) -> Index:
 
 @jit
 def same(first: Array, second: Array) -> float:
-    """Return 1 for contacts at one place, falling smoothly to 0 where they are _APART rad apart."""
+    """Return 1 for contacts at one place, falling smoothly to 0 where they are _APART rad apart.
+
+    Args:
+        first: (3,) direction of one contact.
+        second: (3,) direction of the other contact.
+    """
     gap = second - first
     left = 1.0 - (gap * gap).sum() / (_APART * _APART)
     return left * left if left > 0.0 else 0.0
@@ -380,7 +406,14 @@ def fade(amplitude: float) -> float:
 
 @jit
 def load_beside(i: int, but: int, n: Array, effective: Array) -> float:
-    """Return the effective depth of others at the place of contact i, without those at ``but``."""
+    """Return the effective depth of others at the place of contact i, without those at ``but``.
+
+    Args:
+        i: Index of the contact.
+        but: Index of the contact whose place is left out.
+        n: (K, 3) directions.
+        effective: (K,) effective depths, mm.
+    """
     others = 0.0
     for j in range(len(effective)):
         if j != i and j != but:
@@ -415,10 +448,10 @@ def _share(
     for _ in range(_ROUNDS):
         for j in range(count):
             depth = max(shape[j], _SHALLOW)
-            own = depression(skin, table, depth, 0.0)
+            under = depression(skin, table, depth, 0.0)
             for i in range(count):
                 angle = math.acos(min(max((n[i] * n[j]).sum(), -1.0), 1.0))
-                matrix[i, j] = depression(skin, table, depth, angle) / own
+                matrix[i, j] = depression(skin, table, depth, angle) / under
         _complementarity(matrix, delta - extra, effective)
         grown = np.maximum(delta, 0.0)
         for i in range(count):
@@ -490,7 +523,15 @@ def pair_frame(first: Array, second: Array, frame: Array) -> None:
 
 @jit
 def around_amounts(around: Around, indenter: int, beta: float, depth: float, out: Array) -> None:
-    """Fill out (R,) with the amounts of the modes of O."""
+    """Fill out (R,) with the amounts of the modes of O.
+
+    Args:
+        around: O of all indenters.
+        indenter: Index of the indenter.
+        beta: Polar angle of the contact, rad.
+        depth: Depth, mm.
+        out: (R,), filled.
+    """
     table = around.amounts[indenter]
     i, x = place(beta, around.beta_step, table.shape[0] - 2)
     j, y = place(depth, around.depth_step, table.shape[1] - 2)
@@ -503,7 +544,15 @@ def around_amounts(around: Around, indenter: int, beta: float, depth: float, out
 
 @jit
 def pair_amounts(pairs: Pairs, angle: float, first: float, second: float, out: Array) -> None:
-    """Fill out (R,) with the amounts of the modes of C."""
+    """Fill out (R,) with the amounts of the modes of C.
+
+    Args:
+        pairs: C of one indenter.
+        angle: Angle between the two contacts, rad.
+        first: Penetration of the first contact, mm.
+        second: Penetration of the second contact, mm.
+        out: (R,), filled.
+    """
     table = pairs.amounts
     h, v = place(angle, pairs.angle_step, table.shape[0] - 2)
     i, x = place(first, pairs.depth_step, table.shape[1] - 2)
@@ -544,7 +593,15 @@ def pair_strengths(
 
 @jit
 def patch_at(modes: Modes, amounts: Array, frame: Array, direction: Array, out: Array) -> None:
-    """Fill out (6,) with a patch in one direction, without blending all of the patch."""
+    """Fill out (6,) with a patch in one direction, without blending all of the patch.
+
+    Args:
+        modes: The modes.
+        amounts: (R,) amounts of the modes.
+        frame: (3, 3) with rows e, f, m.
+        direction: (3,) unit vector.
+        out: (6,) displacement, mm, and turn, rad, along e, f, m, filled.
+    """
     out[:] = 0.0
     x, y, z = direction[0], direction[1], direction[2]
     for k in range(len(amounts)):
@@ -584,7 +641,16 @@ def add_single(
 def add_patch(
     grid: Array, modes: Modes, frame: Array, directions: Array, u: Array, q: Array
 ) -> None:
-    """Add a blended patch (A + 2, B + 2, 6) to u, mm, and q, rad, each (P, 3)."""
+    """Add a blended patch.
+
+    Args:
+        grid: (A + 2, B + 2, 6) spline coefficients.
+        modes: The modes, whose step and start are taken.
+        frame: (3, 3) with rows e, f, m.
+        directions: (P, 3) unit vectors.
+        u: (P, 3) displacement, mm, to which the patch is added.
+        q: (P, 3) turn of the normal, rad, likewise.
+    """
     for p in range(len(directions)):
         x, y, z = directions[p, 0], directions[p, 1], directions[p, 2]
         a, b, c, d, e, f = look_up(grid, modes.step, modes.start, frame, x, y, z)

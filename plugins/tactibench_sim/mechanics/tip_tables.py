@@ -115,7 +115,13 @@ class TipTables:
 
 
 def between(radii: Array, values: Array, radius: float) -> Array:
-    """Return values (K, ...) at one radius, by a cubic spline in log R; a node is met exactly."""
+    """Return values at one radius, by a cubic spline in log R; a node is met exactly.
+
+    Args:
+        radii: (K,) nodes, mm.
+        values: (K, ...) values at the nodes.
+        radius: Radius, mm.
+    """
     rows = np.flatnonzero(radii == radius)
     if len(rows):
         return np.asarray(values[rows[0]], dtype=np.float64)

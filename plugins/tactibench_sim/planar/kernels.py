@@ -29,7 +29,15 @@ def hermite(f, step):  # type: ignore[no-untyped-def]
 
 @jit
 def at_depth(table, step, depth, scale, out):  # type: ignore[no-untyped-def]
-    """Fill out (N, Q, 2) with value and slope of the first N nodes at one depth, times scale."""
+    """Fill out (N, Q, 2) with value and slope of the first N nodes at one depth, times scale.
+
+    Args:
+        table: (D, T, Q, 4) table.
+        step: Step of the depths, mm.
+        depth: Depth, mm.
+        scale: Factor on all quantities.
+        out: (N, Q, 2), filled.
+    """
     place = depth / step
     left = min(int(place), table.shape[0] - 2)
     a, b, c, d = hermite(place - left, step)
@@ -47,7 +55,7 @@ def at_depth(table, step, depth, scale, out):  # type: ignore[no-untyped-def]
 
 @jit
 def at_distance(profile, step, r, q):  # type: ignore[no-untyped-def]
-    """Return quantity q of a profile (N, Q, 2) at r mm; zero beyond its end."""
+    """Return quantity q of a profile (N, Q, 2) with steps of ``step`` mm at r mm; 0 beyond it."""
     place = r / step
     if not place < profile.shape[0] - 1:
         return 0.0
@@ -59,7 +67,15 @@ def at_distance(profile, step, r, q):  # type: ignore[no-untyped-def]
 
 @jit
 def depression(table, steps, depth, r, pair):  # type: ignore[no-untyped-def]
-    """Return quantity 0 of a table (D, T, Q, 4) at a depth and distance; pair is scratch."""
+    """Return quantity 0 of a table at a depth and a distance.
+
+    Args:
+        table: (D, T, Q, 4) table.
+        steps: (2,) steps of depth and distance, mm.
+        depth: Depth, mm.
+        r: Distance from the tip's axis, mm.
+        pair: (2, Q, 2) scratch memory.
+    """
     left = int(r / steps[1])
     if left > table.shape[1] - 2:
         return 0.0
@@ -127,15 +143,15 @@ def couple(tables, steps, index, xy, delta, reach, amplitude, shape):  # type: i
     count = xy.shape[1]
     pair = np.empty((2, 1, 2))
     deepest = steps[0] * (tables.shape[1] - 1)
-    matrix, effective, own = np.empty((count, count)), np.empty(count), np.empty(count)
+    matrix, effective, alone = np.empty((count, count)), np.empty(count), np.empty(count)
     for s in range(xy.shape[0]):
         near = delta[s] > -reach
         pressing = 0
         for i in range(count):
-            own[i] = max(delta[s, i], 0.0)
-            shape[s, i] = own[i]
-            amplitude[s, i] = 1.0 if own[i] > 0.0 else 0.0
-            pressing += own[i] > 0.0
+            alone[i] = max(delta[s, i], 0.0)
+            shape[s, i] = alone[i]
+            amplitude[s, i] = 1.0 if alone[i] > 0.0 else 0.0
+            pressing += alone[i] > 0.0
         if near.sum() < 2 or pressing == 0:
             continue
         order = _deepest_first(delta[s], xy[s])
@@ -159,7 +175,7 @@ def couple(tables, steps, index, xy, delta, reach, amplitude, shape):  # type: i
                     square = (dx * dx + dy * dy) / (_APART * _APART)
                     if square < 1.0:
                         together += effective[j] * (1.0 - square) * (1.0 - square)
-                grown = min(max(own[i], together), deepest)
+                grown = min(max(alone[i], together), deepest)
                 changed = max(changed, abs(grown - shape[s, i]))
                 shape[s, i] = grown
             if changed <= 1e-13:

@@ -202,9 +202,9 @@ def _spline(tables: PadTables, quantities: list[Array]) -> Array:
     values = np.stack(quantities, axis=-1)
     values[:, 0] = 0.0
     slope = CubicSpline(tables.r, values, axis=2, bc_type=("clamped", "not-a-knot"))(tables.r, 1)
-    both = np.stack([values, slope], axis=-1)
-    rate = CubicSpline(tables.delta, both, axis=1)(tables.delta, 1)
-    return np.ascontiguousarray(np.concatenate([both, rate], axis=-1))
+    with_slope = np.stack([values, slope], axis=-1)
+    rate = CubicSpline(tables.delta, with_slope, axis=1)(tables.delta, 1)
+    return np.ascontiguousarray(np.concatenate([with_slope, rate], axis=-1))
 
 
 def _over_r(field: Array, r: Array) -> Array:

@@ -139,6 +139,13 @@ class PlanarGrid(RenderedSensor):
 
         It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
         reached there.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+
+        Raises:
+            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
         """
         return covariance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
 
@@ -147,7 +154,15 @@ class PlanarGrid(RenderedSensor):
         return deviations(self.covariance(scene))
 
     def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
-        """Return the squared d' of the scene's two contacts against the nearest single one."""
+        """Return the squared d' of the scene's two contacts against the nearest single one.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+
+        Raises:
+            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
+        """
         from tactibench_sim.detection import deviance  # few protocols ask for limits
 
         return deviance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)

@@ -81,7 +81,12 @@ class Unknowns:
     rest_y: float = 0.0
 
     def optics(self, side: int, lens: str = "fisheye", gel_index: float = 1.41) -> Optics:
-        """Return the camera of frames of ``side`` px.
+        """Return the camera.
+
+        Args:
+            side: Side of the frames, px.
+            lens: "pinhole" or "fisheye".
+            gel_index: Refractive index of the gel.
 
         Raises:
             UserError: The unknowns fit no camera (``Optics``).

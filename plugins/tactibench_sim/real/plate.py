@@ -301,10 +301,10 @@ def _tips(pins, normal, along, pull, meridian, step, length):  # type: ignore[no
                     at[k] = (1 - part) * meridian[s, left, k] + part * meridian[s, left + 1, k]
             h = a if sine < 1e-9 else (b - cosine * n) / sine
             e, f = cosine * h - sine * n, np.cross(n, h)
-            one = pull[s] * (h[0] * a[0] + h[1] * a[1] + h[2] * a[2])
-            two = pull[s] * (h[0] * c[0] + h[1] * c[1] + h[2] * c[2])
-            w, t, v = at[0] + one * at[3], at[1] + one * at[4], two * at[5]
-            turn_e, turn_f = at[2] + one * at[6], two * at[7]
+            cos_part = pull[s] * (h[0] * a[0] + h[1] * a[1] + h[2] * a[2])
+            sin_part = pull[s] * (h[0] * c[0] + h[1] * c[1] + h[2] * c[2])
+            w, t, v = at[0] + cos_part * at[3], at[1] + cos_part * at[4], sin_part * at[5]
+            turn_e, turn_f = at[2] + cos_part * at[6], sin_part * at[7]
             angle = math.sqrt(turn_e * turn_e + turn_f * turn_f)
             share = 1.0 if angle < 1e-12 else math.sin(angle) / angle
             lever = b * math.cos(angle) + (turn_e * e + turn_f * f) * share

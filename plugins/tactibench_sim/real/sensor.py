@@ -50,7 +50,15 @@ _MARKER_MM = {127: 0.36, 331: 0.47}
 
 @dataclass(frozen=True)
 class Spread:
-    """Half-widths of the instances' ranges around the calibration at ``spread`` 1 (assumed)."""
+    """Half-widths of the instances' ranges around the calibration at ``spread`` 1 (assumed).
+
+    Attributes:
+        yaw_deg: Turn of the camera.
+        pin_length_mm: Effective lever of the pins.
+        gel_mm: Distance from the window to the apex.
+        air_share: Distance from the camera to the window, as a share of the calibrated one.
+        focal_share: Focal length, likewise.
+    """
 
     yaw_deg: float = 2.0
     pin_length_mm: float = 0.2
