@@ -87,7 +87,7 @@ def read_discs(maps, counts, place, inner, reach, value):  # type: ignore[no-unt
                     if channels == 4:
                         row += weight * (i + 2.0 * reach * (maps[n, 2, i, j] - 0.5))
                         column += weight * (j + 2.0 * reach * (maps[n, 1, i, j] - 0.5))
-            # a peak without a cell of its own is read at its cell
+            # a peak that owns no cell is read at the cell where it lies
             value[n, k] = depth / total if total > 0.0 else last[_cell(seen[k], heat.shape)]
             if channels == 4 and total > 0.0:
                 mine[k, 0], mine[k, 1] = row / total, column / total

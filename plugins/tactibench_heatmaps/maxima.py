@@ -142,7 +142,8 @@ def _rank(one, cells, count, highest, heat):  # type: ignore[no-untyped-def]
 def _separate(columns, count, highest, heat, near, bump, slope, base, most):  # type: ignore[no-untyped-def]
     """Drop the lower of two peaks that count as one, unless the higher was dropped.
 
-    Returns how many peaks are left, at most ``most``.
+    Returns:
+        The number of peaks that are left, at most ``most``.
     """
     kept = 0
     for k in range(count):

@@ -27,8 +27,8 @@ Array = npt.NDArray[np.float64]
 _Look = Callable[[Array], tuple[Array, Array]]
 
 _CONVERGED = 1e-6
-"""Share of max(D, 1) below which the gain of a further step ends the search; nobody sees a d' of
-1."""
+"""The search ends where a further step would lower D by less than this share of max(D, 1): a d' of
+1 cannot be seen."""
 _STEPS = 30
 _HALVINGS = 6
 _RANK = 1e-6

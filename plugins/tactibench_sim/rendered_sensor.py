@@ -46,7 +46,7 @@ class _Batch:
 
 
 class RenderedSensor(Sensor):
-    """A sensor that knows where its markers are: a subclass says so in ``points``.
+    """A sensor whose frames are rendered from its markers, whose places a subclass computes.
 
     Frames depend on the scene, the parameters and, for their noise, on the seed and the number of
     presses since the sensor was opened. They do not depend on how presses are grouped or on how

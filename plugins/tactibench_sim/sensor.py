@@ -227,7 +227,7 @@ class SimulatedTacTip(RenderedSensor):
         if not self.instance:
             mechanics = mechanics_for(tier, self._tables)
             if isinstance(mechanics, TableMechanics) and ships:
-                return TipMechanics(mechanics)  # a table of one's own holds the tips that it holds
+                return TipMechanics(mechanics)  # a user's table has no tips but its own
             return mechanics
         from tactibench_sim.instances import instance_mechanics
 
@@ -303,9 +303,6 @@ class SimulatedTacTip(RenderedSensor):
         Args:
             scene: The press.
             nuisances: Unknown properties of the camera, names of ``NUISANCES``.
-
-        Raises:
-            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
         """
         from tactibench_sim.bounds import covariance  # few protocols ask for bounds
 
@@ -351,12 +348,7 @@ class SimulatedTacTip(RenderedSensor):
     def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
         """Return the squared d' of the scene's two contacts against the nearest single one.
 
-        Args:
-            scene: The press.
-            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
-
-        Raises:
-            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
+        ``nuisances`` are those of ``covariance``.
         """
         from tactibench_sim.detection import deviance  # few protocols ask for limits
 

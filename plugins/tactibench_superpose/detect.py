@@ -124,14 +124,9 @@ class Detector:
 
     @classmethod
     def of(cls, field: Field, pins: AlignedPins, weight: Array, gain: float, most: int) -> Self:
-        """Return a detector; the fields of contacts on a lattice are computed once.
+        """Return a detector, with the fields of contacts on a lattice over the range of the field.
 
-        Args:
-            field: Field of one contact, whose range the lattice covers.
-            pins: The pins of the sensor.
-            weight: (Q,) 1 / variance of the displacements, 1 / px^2.
-            gain: Factor by which a further contact must lower the misfit.
-            most: Most contacts of a frame.
+        The arguments are attributes of the class.
         """
         low, high = field.low, field.high
         sides = [np.arange(a, b + 1e-9, _PITCH_MM) for a, b in zip(low[:2], high[:2], strict=True)]
@@ -222,12 +217,9 @@ class Detector:
         best = solve(self.field, moved, contacts, weight, _FINISH)
         equivalents, clear = best.contacts, sure.all(axis=1)
         for row in np.flatnonzero(~clear):
-            one_row = slice(row, row + 1)
+            span = slice(row, row + 1)
             start = Solution(
-                equivalents[one_row],
-                best.left[one_row],
-                best.normal[one_row],
-                best.nuisances[one_row],
+                equivalents[span], best.left[span], best.normal[span], best.nuisances[span]
             )
             _, _, end = self._retrack(images[row], moved[row], sure[row], start)
             equivalents[row] = end.contacts[0]
@@ -309,10 +301,7 @@ class Detector:
         return distance
 
     def _add_contact(self, moved: Array, weight: Array, current: Solution) -> Solution | None:
-        """Return the best solution with one contact more, None if it is not worth it.
-
-        It has a new contact or, where none is accepted, one that is split in two.
-        """
+        """Return the best solution with a new contact, else with one split in two, else None."""
         cost = self._cost(current, weight)
         if cost < _NOISE * (weight / self.weight).sum():
             return None
@@ -355,10 +344,7 @@ class Detector:
     def _accept(
         self, ends: list[Solution], moved: Array, weight: Array, current: Solution
     ) -> Solution | None:
-        """Return the plausible solution of least misfit if it is enough better than the current.
-
-        None: there is none.
-        """
+        """Return the plausible solution of least misfit, or None if it is not enough better."""
         cost = self._cost(current, weight)
         gain = self.gain * (_CROWD if current.contacts.shape[1] > 1 else 1.0)
         for end in sorted(ends, key=lambda end: self._cost(end, weight)):

@@ -112,9 +112,9 @@ class Superpose(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Learn the fields from single presses and, unless neighbours="none", the law from others.
+        """Learn the fields from single presses and, unless ``neighbours`` is "none", the law.
 
-        Nothing is drawn at random.
+        The law is learned from presses with several contacts. Nothing is drawn at random.
 
         Raises:
             UserError: There are too few single presses, or there is no rest image.

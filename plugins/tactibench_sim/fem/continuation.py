@@ -1,6 +1,6 @@
 """Equilibria along a path of loading: adaptive increments around a Newton method.
 
-There are two outcomes: the state is in equilibrium at the level asked for, or NotConvergedError is
+There are two outcomes: the state is in equilibrium at the given level, or NotConvergedError is
 raised and the state is the last equilibrium. A half-converged field is never seen from outside.
 """
 

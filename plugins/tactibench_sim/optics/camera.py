@@ -22,7 +22,7 @@ class Optics:
     """A camera that looks through a flat window into a gel with white markers.
 
     Camera coordinates: origin in the entrance pupil, z along the optical axis into the gel, x right
-    and y down in the frame, mm. Nothing here knows what the markers sit on. Pixel (row i, column j)
+    and y down in the frame, mm. What the markers sit on plays no role here. Pixel (row i, column j)
     has its centre at y = i, x = j; without offset the axis meets ((size - 1) / 2) twice. "Side" is
     a frame's side.
 

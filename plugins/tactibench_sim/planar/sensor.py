@@ -143,9 +143,6 @@ class PlanarGrid(RenderedSensor):
         Args:
             scene: The press.
             nuisances: Unknown properties of the camera, names of ``NUISANCES``.
-
-        Raises:
-            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
         """
         return covariance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
 
@@ -156,12 +153,7 @@ class PlanarGrid(RenderedSensor):
     def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
         """Return the squared d' of the scene's two contacts against the nearest single one.
 
-        Args:
-            scene: The press.
-            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
-
-        Raises:
-            UserError: The scene cannot be pressed, or a nuisance is none of ``NUISANCES``.
+        ``nuisances`` are those of ``covariance``.
         """
         from tactibench_sim.detection import deviance  # few protocols ask for limits
 

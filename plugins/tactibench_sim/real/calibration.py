@@ -15,22 +15,26 @@ from tactibench_sim.optics.camera import Optics
 
 SHIPPED = {"": "calibration.json", "331": "calibration_331.json", "127": "calibration_127.json"}
 """Fits to the public recordings. "": version 1, to 200 presses of the 331-pin recording that were
-hardly dragged. The others, to 400 presses each, include slip and a base that gives way."""
+hardly dragged. The others, to 400 presses each, include slip and a mount that gives way."""
 
 
 @dataclass(frozen=True)
 class Unknowns:
     """The fitted numbers, all of them global: none belongs to a single press.
 
-    The fit begins at the defaults. With t the tilt label and d the indentation, mm:
+    The fit begins at the defaults. With t the tilt label,
 
-    travel = depth label + depth_offset_mm + pivot_mm (1 - cos t) + pivot_side_mm sin t.
-    The base of the dome gives way: indentation = travel (1 - give_per_mm travel).
-    The plate's normal leaves the axis by t + tilt_offset_deg, in the plane at yaw_deg to the
-    frame's x axis.
-    Drag, mm of the plate relative to the dome, of every press: drag_offset_mm + drag_per_depth d
-    + drag_per_tilt d sin t. A press that was dragged has in addition drag_per_mm move
-    + drag_per_deg turn, but at most slip_mm d**slip_power, beyond which the plate slips.
+        travel = depth label + depth_offset_mm + pivot_mm (1 - cos t) + pivot_side_mm sin t,
+        d = travel (1 - give_per_mm travel),
+
+    where d is the indentation, mm: what holds the dome gives way. The plate's normal leaves the
+    axis by t + tilt_offset_deg, in the plane at yaw_deg to the frame's x axis. The plate drags the
+    skin, mm relative to the dome, in every press by
+
+        drag_offset_mm + drag_per_depth d + drag_per_tilt d sin t,
+
+    and in a press that was dragged also by drag_per_mm move + drag_per_deg turn, but at most by
+    slip_mm d**slip_power, beyond which the plate slips.
 
     Attributes:
         depth_offset_mm: Travel at a depth label and a tilt of 0.
@@ -53,7 +57,7 @@ class Unknowns:
         drag_per_tilt: Drag per mm of indentation and sine of the tilt.
         slip_mm: Drag at which the plate slips, at an indentation of 1 mm.
         slip_power: Exponent with which that drag grows with the indentation.
-        give_per_mm: Share of the travel by which the base gives way, per mm of travel.
+        give_per_mm: Share of the travel by which the dome gives way, per mm of travel.
         rest_x: Drift of all pins since the rest frame was taken, px.
         rest_y: Likewise.
     """

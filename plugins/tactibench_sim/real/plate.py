@@ -182,7 +182,7 @@ def travel(x: Unknowns, labels: Labels) -> Array:
 def indentation(x: Unknowns, labels: Labels) -> Array:
     """Return the (S,) depth of the plate in the undeformed dome, mm; below 0: no touch.
 
-    The base of the dome gives way under the force, which grows a little faster than the depth.
+    What holds the dome gives way under the force, which grows a little faster than the depth.
     """
     way = travel(x, labels)
     return np.asarray(way - x.give_per_mm * way.clip(0.0) ** 2, dtype=np.float64)
