@@ -230,7 +230,8 @@ def speed(frictionless: ForceMechanics, scenes: Sequence[ReferenceScene]) -> Spe
 
     Args:
         frictionless: The tier.
-        scenes: Scenes with the same number of tips of R = 3 mm, all with friction or all without.
+        scenes: Scenes with the same number of tips of R = 3 mm; the friction of the first one is
+            taken for all.
     """
     tier = _with_friction(frictionless, scenes[0])
     use = (list(scenes) * (_BATCH // len(scenes) + 1))[: max(_BATCH, len(scenes))]
