@@ -24,15 +24,15 @@ from tactibench_tactip.settings import CameraSettings
 
 Image = npt.NDArray[np.uint8]
 OpenCapture = Callable[[CameraSettings], Any]
-"""Makes something like a ``cv2.VideoCapture``; raises CameraError."""
+"""A function that opens something like a ``cv2.VideoCapture``, or raises CameraError."""
 
 OPENING_S = 15.0
 CLOSING_S = 12.0
-"""For which threads that take frames are waited for at the end: OpenCV aborts the process (exit
-code 134) where a thread returns from a stream when Python ends. Opening a stream takes up to 3 s, a
-V4L2 camera waits 10 s for a frame. A driver that hangs for longer is left behind."""
+"""Time for which a closing camera waits for its threads: OpenCV aborts the process (exit code 134)
+where a thread returns from a stream when Python ends. Opening a stream takes up to 3 s, a V4L2
+camera waits 10 s for a frame. A driver that hangs for longer is left behind."""
 KEPT = 64
-"""Frames kept while somebody waits, where nobody waits for more."""
+"""Frames that are kept while a caller waits; more are kept where it waits for more."""
 MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
 """Values of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
 3 aperture priority); other backends keep the normalised values of OpenCV 3."""
@@ -53,7 +53,11 @@ class ReadBack:
 
 
 def open_capture(settings: CameraSettings) -> Any:
-    """Return a ``cv2.VideoCapture`` of the configuration's source. Raises CameraError."""
+    """Return a ``cv2.VideoCapture`` of the configuration's source.
+
+    Raises:
+        CameraError: The source cannot be opened.
+    """
     import cv2
 
     source = settings.source
@@ -82,8 +86,10 @@ def _no_camera(source: str | int) -> CameraError:
 def configure(capture: Any, settings: CameraSettings) -> ReadBack:
     """Set what the configuration names and return all settings, read back.
 
-    Raises UserError for a setting that the camera does not take: frames whose brightness follows
-    the contact, or of another size, teach a model the wrong thing.
+    Frames whose brightness follows the contact, or of another size, teach a model the wrong thing.
+
+    Raises:
+        UserError: The camera does not take a setting, or the crop reaches beyond its frames.
     """
     import cv2
 
@@ -170,18 +176,26 @@ def _set(capture: Any, name: int, value: float, key: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """A frame, (H, W) uint8, grey, and the ``time.monotonic_ns`` when it was taken."""
+    """A frame and its time.
+
+    Attributes:
+        image: (H, W) uint8, grey.
+        t_ns: ``time.monotonic_ns`` at which it was taken.
+    """
 
     image: Image
     t_ns: int
 
 
 class Camera:
-    """Takes frames from entry to exit. Raises CameraError when they stop coming.
+    """A camera that takes frames from entry to exit.
+
+    On entry, CameraError is raised where it does not open, UserError where it does not take its
+    settings.
 
     Attributes:
-        read_back: the camera's settings, once it is open.
-        reopened: times that a stalled camera was opened again without a frame since.
+        read_back: Settings as the camera reports them; None before it is open.
+        reopened: Number of times that a stalled camera was opened again without a frame since.
     """
 
     def __init__(self, settings: CameraSettings, open_: OpenCapture = open_capture) -> None:
@@ -211,36 +225,39 @@ class Camera:
             self._run += 1  # ends the threads that take frames
         try:
             self._join()
-        except KeyboardInterrupt:  # an impatient one must not make the process abort
+        except KeyboardInterrupt:  # an impatient Ctrl-C must not make the process abort
             self._join()
             raise
 
     def _join(self) -> None:
-        """Wait for the threads that take frames, of a camera that was opened again, too."""
+        """Wait for the threads that take frames, also those from before a reopening."""
         end = time.monotonic() + CLOSING_S
         for thread in self._threads:
             thread.join(max(0.0, end - time.monotonic()))
 
     @property
     def period_s(self) -> float:
-        """Time between two frames as measured; the configuration's until ten have come."""
+        """Measured time between two frames; the configuration's until ten gaps are measured."""
         with self._news:
             gaps = sorted(self._gaps_s)
         return gaps[len(gaps) // 2] if len(gaps) >= 10 else 1.0 / self._settings.fps
 
     @property
     def frames(self) -> int:
-        """Number of frames that came so far."""
+        """Number of frames so far."""
         return self._count
 
     def alive(self) -> bool:
-        """Return whether a frame came within ``stall_s``."""
+        """Return whether a frame came within the last ``stall_s``."""
         return (time.monotonic_ns() - self._taken_ns) * 1e-9 < self._settings.stall_s
 
     def fresh(self, after_ns: int, count: int = 1) -> list[CameraFrame]:
         """Return ``count`` frames in a row taken after a moment of ``time.monotonic_ns``.
 
-        A stalled camera is opened once more. Raises CameraError when that does not help.
+        A stalled camera is opened once more.
+
+        Raises:
+            CameraError: The camera gives no frames, also after it was opened again.
         """
         try:
             return self._wait(after_ns, count)
@@ -254,7 +271,10 @@ class Camera:
         return frames
 
     def after(self, end_ns: int, count: int = 1) -> list[CameraFrame]:
-        """Return frames that were begun after a moment: taken a whole frame period after it."""
+        """Return ``count`` frames that were begun after a moment of ``time.monotonic_ns``.
+
+        They are taken at least one frame period after it.
+        """
         return self.fresh(end_ns + int(1e9 * self.period_s), count)
 
     def now(self) -> CameraFrame:
@@ -294,7 +314,7 @@ class Camera:
                     self._frames = []
 
     def _begin(self) -> None:
-        """Start a thread that opens the camera; one that hangs in it is left behind."""
+        """Start a thread that opens the camera; a thread that hangs there is left behind."""
         with self._news:
             self._run += 1
             run = self._run
@@ -332,7 +352,7 @@ class Camera:
                 capture.release()
 
     def _take(self, capture: Any, run: int) -> bool:
-        """One frame; whether there may be more."""
+        """Take one frame, and return whether there may be more."""
         grabbed = capture.grab()
         t_ns = time.monotonic_ns()
         image = self._decode(capture) if grabbed and self._waiting else None
@@ -368,7 +388,7 @@ class Camera:
 
 
 def _grey(image: Image) -> Image:
-    """OpenCV hands frames over as blue, green, red."""
+    """Return a frame, which OpenCV gives as blue, green, red, as (H, W) grey."""
     import cv2
 
     if image.ndim == 2:

@@ -28,20 +28,21 @@ from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 
 RECONNECTS = 2
-"""Times that a UR is connected again without a press between; its watchdog has stopped it."""
+"""Most times that a UR is connected again without a press in between; its watchdog has stopped
+it."""
 NO_CALLBACKS = Callbacks()
 FLAT = 0.02
-"""Greatest relative change of the brightness from one moment to the next."""
+"""Greatest relative change of the brightness between two groups of frames before a collection."""
 ALIKE_LEVELS = 6.0
-"""Grey levels by which the undeformed sensor may differ on average when a collection goes on."""
+"""Mean difference, grey levels, that the undeformed sensor may have when a collection goes on."""
 
 
 class StopSignals:
-    """The first Ctrl-C ends after the press, the second and SIGTERM at once.
+    """Handler of signals: the first Ctrl-C ends after the press, the second or SIGTERM at once.
 
     Attributes:
         end_requested: Set once the session shall end after this press.
-        stop: Stops the robot, once there is one.
+        stop: Function that stops the robot; it does nothing until there is one.
     """
 
     def __init__(self, notify: Callable[[str], None]) -> None:
@@ -83,7 +84,7 @@ def collect(
     speed_scale: float = 1.0,
     emulated: bool = False,
 ) -> SessionReport:
-    """Make the presses of a plan that the folder has not, and close it when it has them all.
+    """Make the presses of a plan that the folder lacks, and close it when it has them all.
 
     In this order: the plan is checked, the camera opened and its settings compared with those of
     the data set, the robot connected; only then something moves.
@@ -93,7 +94,7 @@ def collect(
         plan: The presses.
         folder: Folder of the data set.
         callbacks: Functions that tell and ask a person.
-        on_station: Takes every station that is entered.
+        on_station: Function that is called with every station that is entered.
         speed_scale: Factor of this session's speeds; the data set's configuration stays as it is.
         emulated: Whether the devices are emulators. The data set says so, and no real device can go
             on with it.
@@ -102,7 +103,8 @@ def collect(
         The outcome of this session.
 
     Raises:
-        UserError: Nothing can be collected so, or a device failed.
+        UserError: The plan, the configuration or the folder allows no collection, or a device
+            failed.
     """
     if _is_complete(folder, plan):
         callbacks.advance(len(plan))
@@ -160,9 +162,20 @@ def collect(
 def dry_run(
     settings: Settings, presses: Sequence[Press], height: float, advance: Callable[[int], None]
 ) -> int:
-    """Make all moves of presses ``height`` mm higher; nothing is touched and nothing kept.
+    """Make all moves of presses higher up; nothing is touched and nothing is stored.
 
-    Returns the number of presses. Raises UserError.
+    Args:
+        settings: Configuration of the setup.
+        presses: The presses.
+        height: Height above the real moves, mm.
+        advance: Called with 1 after every press.
+
+    Returns:
+        The number of presses that were made.
+
+    Raises:
+        UserError: The envelope leaves no room for the height, a press may not be made, or a device
+            failed.
     """
     room = settings.envelope.above_mm - settings.envelope.clearance_mm - 1.0
     if height > room:
@@ -191,9 +204,10 @@ def dry_run(
 
 
 def warm_up(camera: Camera, settings: Settings) -> None:
-    """Let the first frames go by, and see that the brightness stands still.
+    """Skip the first frames, and check that the brightness is steady.
 
-    Raises UserError for a camera that changes it: its exposure is automatic, or its light is cold.
+    Raises:
+        UserError: The brightness changes, because the exposure is automatic or the light is cold.
     """
     for _ in range(settings.camera.warmup_frames):
         camera.now()
@@ -211,7 +225,7 @@ def warm_up(camera: Camera, settings: Settings) -> None:
 
 
 def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
-    """True where the folder holds just these presses, closed."""
+    """Return whether the folder holds a closed data set of exactly these presses."""
     if not is_dataset(folder):
         return False
     dataset = open_dataset(folder, repair=False)
@@ -221,10 +235,10 @@ def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
 def _header(
     settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path, *, emulated: bool
 ) -> Header:
-    """The header of a collection.
+    """Return the header of a collection.
 
-    Going on needs the same camera, and the same configuration but for what changes neither labels
-    nor frames.
+    To go on with a data set, the camera must be the same, and so must the configuration except for
+    the keys that change neither labels nor frames.
     """
     height, width = camera.now().image.shape
     configuration = settings.record()
@@ -255,7 +269,7 @@ def _header(
 
 
 def _check_same_sensor(rest: Reference, folder: Path) -> None:
-    """Raise UserError when the undeformed sensor does not look as when the data set was begun."""
+    """Raise UserError where the undeformed sensor differs from the rest image of the data set."""
     before: Image | None = open_dataset(folder, repair=False).rest_image
     if before is None:
         return
@@ -269,7 +283,7 @@ def _check_same_sensor(rest: Reference, folder: Path) -> None:
 
 
 def _write_splits(writer: Writer, plan: CollectionPlan) -> None:
-    """The protocol's splits, of the samples that may be used."""
+    """Write the protocol's splits of the samples that may be used, unless a subset is empty."""
     good = {sample.id for sample in writer.samples if sample.status == "ok"}
     for name, parts in plan.splits.items():
         usable = {part: [i for i in ids if i in good] for part, ids in parts.items()}

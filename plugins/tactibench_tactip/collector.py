@@ -1,7 +1,7 @@
-"""The presses of a plan into a data set, so that any of it may be interrupted.
+"""Collection of a plan's presses into a data set; it may be interrupted at any time.
 
-What was acknowledged is never lost and never made twice: the plan is written first, a sample is
-written when it is whole, and going on takes what the plan has and the data set has not.
+An acknowledged sample is never lost and never made twice: the plan is written first, a sample is
+written when it is complete, and a later session makes the presses that the data set lacks.
 """
 
 from __future__ import annotations
@@ -32,16 +32,17 @@ from tactibench_tactip.station import PressResult, Station
 from tactibench_tactip.touch import FirstTouch, find_touch
 
 MountRequest = Callable[[Indenter, int], bool]
-"""Asks a person to mount an indenter for so many presses; returns whether it was done."""
+"""A function that asks a person to mount an indenter for a number of presses, and returns whether
+it was done."""
 
 ATTEMPTS = 2
 """Attempts at a press in a session before it is written as bad."""
 STOPS_OF_PRESS = 2
 """Protective stops at one press, over all sessions, before it is given up."""
 RECOVER_PRESSES = 500
-"""Presses between two protective stops that are released without asking."""
+"""Fewest presses between two protective stops that are released without asking."""
 DRIFT_MM = 0.05
-"""Drift of first touch between two searches from which on it is a warning."""
+"""Drift of first touch between two searches above which a person is told."""
 
 EXTRA = MappingProxyType(
     {
@@ -66,8 +67,8 @@ EXTRA = MappingProxyType(
         "n_pins": -1,
     }
 )
-"""Every key of ``extra`` in its order, with the value of a press that has none: every row has each
-key with the same type."""
+"""Every key of ``extra`` in its order, with the value for a press that lacks it, so that every row
+has each key with the same type."""
 
 
 @dataclass
@@ -99,7 +100,7 @@ class Callbacks:
         notify: Takes a sentence for a person.
         advance: Takes the number of samples just written.
         should_end: Returns whether to end after this press.
-        mount: Asks for another indenter.
+        mount: Asks for another indenter, and returns whether it is mounted.
     """
 
     notify: Callable[[str], None] = lambda _: None
@@ -109,7 +110,7 @@ class Callbacks:
 
 
 class Collector:
-    """One session at an open station; it continues the report of earlier ones."""
+    """One session at an open station; it continues the report of earlier sessions."""
 
     def __init__(
         self,
@@ -135,9 +136,13 @@ class Collector:
         return self._station.settings
 
     def run(self) -> None:
-        """Make the presses that are missing. Raises UserError when it cannot go on.
+        """Make the presses that are missing.
 
         Presses that need another indenter are made when ``mount`` says that it is mounted.
+
+        Raises:
+            UserError: A device failed, a press may not be made, or too many presses in a row were
+                bad.
         """
         report, writer = self._report, self._writer
         todo = [press for press in self._plan.presses if press.id not in writer.done]
@@ -163,7 +168,7 @@ class Collector:
             report.left = len(self._plan) - len(writer.done)
 
     def _mount(self, indenter: Indenter, count: int) -> bool:
-        """True where it is mounted, if need be by somebody now."""
+        """Return whether the indenter is mounted; where it is not, a person is asked to do it."""
         if is_mounted(self._settings.indenter, indenter):
             return True
         settings = indenter_settings(indenter)
@@ -176,7 +181,7 @@ class Collector:
         return True
 
     def _press_all(self, presses: Iterable[Press]) -> None:
-        """With one indenter; its length is not known before it first touches."""
+        """Make the presses of one indenter, whose length is not known before it first touches."""
         first = True
         for press in presses:
             if self._callbacks.should_end():
@@ -193,7 +198,7 @@ class Collector:
         return self._since_touch >= contact.every_presses or age_s >= 60.0 * contact.every_minutes
 
     def _find_touch(self, *, first: bool) -> None:
-        """A new rest frame, and first touch relative to it; all planned poses are checked again."""
+        """Take a new rest frame, find first touch from it, and check all planned poses again."""
         station = self._station
         rest = station.look_at_rest()
         self._writer.reference(rest.image)
@@ -218,10 +223,13 @@ class Collector:
         self._since_touch, self._touched_at = 0, time.monotonic()
 
     def _press(self, press: Press) -> None:
-        """One press until it is written.
+        """Make one press until it is written.
 
-        A fault of the whole setup is no press's: it writes nothing, so that the next session makes
-        this press. Raises UserError for it, and after too many bad presses in a row.
+        Where the whole setup has a fault, nothing is written, so that the next session makes this
+        press.
+
+        Raises:
+            UserError: The setup has a fault, or too many presses in a row were bad.
         """
         for attempt in range(1, ATTEMPTS + 1):
             try:
@@ -264,7 +272,14 @@ class Collector:
         self._write(press, draft, f"aborted, {reason}")
 
     def _write_result(self, press: Press, result: PressResult, attempt: int, reason: str) -> None:
-        """Write a press that came to its end; reason: why its frame is bad, "" if not."""
+        """Write a press that was completed.
+
+        Args:
+            press: The press.
+            result: Its outcome.
+            attempt: Number of the attempt, from 1.
+            reason: Why its frame is bad; "" where it is good.
+        """
         check, state = result.check, result.state
         extra = _extra(
             press,
@@ -311,7 +326,11 @@ class Collector:
         )
 
     def _write(self, press: Press, draft: Draft, reason: str) -> None:
-        """Write a sample. Raises UserError after too many bad ones in a row."""
+        """Write a sample.
+
+        Raises:
+            UserError: Too many samples in a row were bad.
+        """
         self._writer.add_many([draft])
         self._since_touch += 1
         self._callbacks.advance(1)
@@ -329,7 +348,11 @@ class Collector:
             )
 
     def _handle_stop(self, press: Press, error: ProtectiveStopError, attempt: int) -> None:
-        """A protective stop: ask by default; release it only where the configuration says so."""
+        """Handle a protective stop, which is released only where the configuration says so.
+
+        Raises:
+            ProtectiveStopError: A person has to release the stop, or the tool was left where it is.
+        """
         report, robot = self._report, self._station.robot
         report.stops += 1
         self._stops[press.id] += 1
@@ -360,7 +383,7 @@ class Collector:
 
 
 def _extra(press: Press, **values: Any) -> dict[str, Any]:
-    """The values of a press, and those of EXTRA for the rest."""
+    """Return the values of a press, and those of EXTRA for the keys that it lacks."""
     given = {"draw": press.draw, "depth_cmd_mm": float(press.scene.pose.depth), **values}
     assert given.keys() <= EXTRA.keys(), "keys of extra"  # noqa: S101
     empty = {key: [] if value == () else value for key, value in EXTRA.items()}

@@ -1,4 +1,4 @@
-"""Errors of devices, by what has to be done about them."""
+"""Errors of devices, by what a caller has to do about them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from tactibench import UserError
 
 
 class DeviceError(UserError):
-    """A device did not do what it was asked; nothing more can be had of it in this session."""
+    """A device did not do what it was asked to do; it cannot be used further in this session."""
 
 
 class RobotError(DeviceError):
-    """The robot did not do what it was asked. It may be moved away if its state is normal."""
+    """The robot did not do what it was asked to do. It may be moved away if its state is normal."""
 
 
 class RobotLostError(RobotError):
@@ -22,7 +22,7 @@ class ProtectiveStopError(RobotError):
 
 
 class GuardError(RobotError):
-    """A guard stopped a descent: too much force, or off the line."""
+    """A move was stopped: the force was too great, or the tool left its line."""
 
 
 class NoTouchError(RobotError):

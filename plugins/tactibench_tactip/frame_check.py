@@ -19,13 +19,13 @@ from tactibench_tactip.settings import SensorSettings
 SATURATED = 250
 """Grey level from which a pixel counts as saturated: noise keeps full ones a little below 255."""
 MOST_SATURATED = 0.01
-"""Share of the frame that may become so under a press: more is glare, and pins in it are lost."""
+"""Share of the frame that may saturate under a press: more is glare, and pins in it are lost."""
 BRIGHTNESS = 0.10
 """Share by which the mean brightness may differ from that of the undeformed sensor."""
 MOTION = 1.5
-"""Times the noise between two frames at rest by which two frames of a press may differ."""
+"""Factor on the difference of two frames at rest by which two frames of a press may differ."""
 SEEN_MM = 0.5
-"""Depth from which on a press must be seen."""
+"""Depth from which on a press must be visible in the frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Reference:
 
     @property
     def threshold(self) -> float:
-        """Change that noise does not make: 5 of its standard deviations, and a little for LEDs."""
+        """Change that noise does not reach: its mean, 5 deviations, and a little for LEDs."""
         return self.change + 5.0 * self.change_std + 0.02
 
     def change_of(self, image: Image) -> float:
@@ -94,7 +94,7 @@ class FrameCheck:
     """The frames of one press, joined and checked.
 
     Attributes:
-        reason: Reason for which they cannot be used, "" when they can.
+        reason: Why they cannot be used; "" where they can.
         image: (H, W) median.
         t_ns: Time of the middle frame.
         brightness: Mean of the image, grey levels.
@@ -115,7 +115,14 @@ class FrameCheck:
 def check_frames(
     frames: Sequence[CameraFrame], reference: Reference, sensor: SensorSettings, depth_mm: float
 ) -> FrameCheck:
-    """Return the check of frames in a row; depth_mm: of the press."""
+    """Return the frames of one press, joined and checked.
+
+    Args:
+        frames: Frames in a row.
+        reference: The undeformed sensor.
+        sensor: Configuration of the sensor.
+        depth_mm: Depth of the press.
+    """
     image = np.median(np.stack([frame.image for frame in frames]), axis=0).astype(np.uint8)
     check = FrameCheck(
         reason="",

@@ -1,4 +1,4 @@
-"""A model that watches the camera: loop, latency, a picture, presses meanwhile."""
+"""A model that watches the camera: the loop, its latency, a picture, and presses meanwhile."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HALF_MM = 12.8
 """Half the width of the heatmap's grid."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 RED, GREEN, WHITE = (60, 60, 255), (80, 220, 80), (235, 235, 235)
-"""OpenCV's blue, green, red."""
+"""Colours as blue, green, red, which is OpenCV's order."""
 HELD_S = 1.0
 END_S = 15.0
 """Host seconds for a press to come to its end, before the robot is stopped."""
@@ -60,7 +60,7 @@ class LiveReading:
         return has_contact(self.prediction)
 
     def view(self, pins: PinLines) -> FrameView:
-        """Return what a page shows of it."""
+        """Return the view of this turn that a page shows."""
         image = self.frame.image
         answer = AnswerView(self.prediction, self.latency_ms, self.maps)
         return FrameView(image, pins(image), [answer])
@@ -70,7 +70,13 @@ class LiveReading:
 class Latency:
     """Latency of a loop, ms, without the wait for the frame.
 
-    dropped: Frames that came while the model was at work, for each that it read.
+    Attributes:
+        p50: Median, ms.
+        p90: 90th percentile, ms.
+        p99: 99th percentile, ms.
+        mean: Mean, ms.
+        count: Number of turns.
+        dropped: Frames that came while the model was at work, for each frame that it read.
     """
 
     p50: float
@@ -82,7 +88,12 @@ class Latency:
 
     @classmethod
     def of(cls, raw_ms: list[float], frames: int) -> Latency:
-        """Return the summary of every turn's latency; frames: that the camera gave meanwhile."""
+        """Return the summary of a loop.
+
+        Args:
+            raw_ms: Latency of every turn.
+            frames: Number of frames that the camera gave meanwhile.
+        """
         p50, p90, p99 = (float(value) for value in np.percentile(raw_ms, (50, 90, 99)))
         dropped = max(0, frames - len(raw_ms)) / len(raw_ms)
         return cls(p50, p90, p99, float(np.mean(raw_ms)), len(raw_ms), dropped)
@@ -91,10 +102,19 @@ class Latency:
 def watch(
     camera: Camera, model: Model, rest: Image, turns: int, show: Callable[[LiveReading], bool]
 ) -> Latency:
-    """Read the newest frame, again and again.
+    """Let a model read the newest frame, again and again, and return the latency.
 
-    show: called at every turn after its time was taken; False ends the loop. The first turns warm
-    up and are not counted. Raises CameraError.
+    The first turns warm up and are not counted.
+
+    Args:
+        camera: An open camera.
+        model: A trained model.
+        rest: (H, W) uint8 image of the undeformed sensor.
+        turns: Number of turns that are counted.
+        show: Called at every turn after its time was taken; False ends the loop.
+
+    Raises:
+        CameraError: The camera gives no frames.
     """
     raw: list[float] = []
     start = 0
@@ -102,28 +122,29 @@ def watch(
     for turn in range(WARM_UP + turns):
         if turn == WARM_UP:
             start = camera.frames
-        taken = camera.fresh(since_ns, 1)[0]
-        prediction, maps = ask(model, Frame(taken.image, taken.t_ns * 1e-9, Pose(), rest))
+        frame = camera.fresh(since_ns, 1)[0]
+        prediction, maps = ask(model, Frame(frame.image, frame.t_ns * 1e-9, Pose(), rest))
         since_ns = time.monotonic_ns()
-        latency = (since_ns - taken.t_ns) * 1e-6
+        latency = (since_ns - frame.t_ns) * 1e-6
         if turn >= WARM_UP:
             raw.append(latency)
-        if not show(LiveReading(taken, prediction, maps, latency)):
+        if not show(LiveReading(frame, prediction, maps, latency)):
             break
     return Latency.of(raw or [float("nan")], camera.frames - start)
 
 
 class Painter:
-    """Draws a turn: the frame with its pins, the heatmap with the contacts, the figures.
+    """Painter of a turn: the frame with its pins, the heatmap with the contacts, the figures.
 
-    pins: Of the sensor, where it has any.
+    Args:
+        pins: Pins of the sensor; a sensor without pins has no lines.
     """
 
     def __init__(self, pins: PinLines) -> None:
         self._pins = pins
 
     def draw(self, reading: LiveReading, label: str) -> Picture:
-        """Return (SIDE + 60, 2 SIDE, 3) uint8, blue, green, red."""
+        """Return the picture of a turn, (SIDE + 60, 2 SIDE, 3) uint8, blue, green, red."""
         text = np.zeros((60, 2 * SIDE, 3), np.uint8)
         contacts = describe_prediction(reading.prediction)
         line = f"{label}   {reading.latency_ms:5.1f} ms from frame to answer   {contacts}"
@@ -157,9 +178,9 @@ def _draw_map(reading: LiveReading) -> Picture:
 
 
 class PressLoop:
-    """Presses while somebody watches: the singles of exp1, each held for a second, in a thread.
+    """Presses in a thread while a person watches: the singles of exp1, each held for a second.
 
-    Raises on exit what ended them.
+    On exit, the error that ended the presses is raised.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -194,11 +215,15 @@ class PressLoop:
 
     @property
     def failed(self) -> bool:
-        """True once something ended the presses."""
+        """True once an error ended the presses."""
         return self._failure is not None
 
     def begin(self) -> None:
-        """Find first touch and press from then on. Raises UserError."""
+        """Find first touch and start the presses.
+
+        Raises:
+            UserError: First touch is not found, or a press may not be made.
+        """
         station = self.station
         find_touch(station, first=True)
         station.check_plan(self._plan)

@@ -37,26 +37,34 @@ T = TypeVar("T")
 TICK_S = 0.008
 """Period of the control loop: 125 Hz."""
 LOOK_S = 0.1
-"""Longest wait for a job: a signal that comes just before it is handled when it ends."""
+"""Longest single wait for a job: a signal that comes just before it is handled when it ends."""
 TURN_DEG_S = 50.0
-"""Speed at which a tool is taken to turn."""
+"""Speed at which a tool is assumed to turn."""
 REACHED_MM, REACHED_DEG = 0.1, 0.2
-"""A place counts as reached within this."""
+"""Distance and angle within which a pose counts as reached."""
 OFF_LINE_MM = 2.0
-"""Distance beside its line at which a move is stopped."""
+"""Distance of the tool from its line above which a move is stopped."""
 STOP_S = 3.0
-"""Host seconds for a stop to come to a stand."""
+"""Most host seconds to wait until a stopped robot stands still."""
 PROBE_MM = 0.5
-"""Length of a step of a probe; between two steps it looks whether to stop."""
+"""Length of a step of a probe; between two steps it is checked whether to stop."""
 
 Guard = Callable[[Pose6], str]
-"""Looks at the pose in the work frame during a move; a reason stops it, "" lets it go on."""
+"""A function of the pose in the work frame during a move, which returns a reason to stop it, or
+"" to let it go on."""
 
 
 def move_seconds(start: Pose6, end: Pose6, speed: float, acceleration: float) -> float:
-    """Return s of a straight move from rest to rest; speed mm/s, acceleration mm/s^2.
+    """Return the time of a straight move from rest to rest, s.
 
-    Up to v^2 / a the top speed is not reached: t = 2 sqrt(d / a); beyond, t = d / v + v / a.
+    Up to v^2 / a the top speed is not reached: t = 2 sqrt(d / a); beyond, t = d / v + v / a. A move
+    takes at least the time of its turn.
+
+    Args:
+        start: First pose.
+        end: Last pose.
+        speed: Top speed v, mm/s.
+        acceleration: a, mm/s^2.
     """
     distance = distance_between(start, end)
     if distance < speed**2 / acceleration:
@@ -67,7 +75,7 @@ def move_seconds(start: Pose6, end: Pose6, speed: float, acceleration: float) ->
 
 
 def patience(expected_s: float, time_scale: float) -> float:
-    """Return host seconds after which a move is given up: twice what it takes, and 2 s."""
+    """Return the host seconds after which a move is given up: twice its time, and 2 s more."""
     return 2.0 * expected_s / time_scale + 2.0
 
 
@@ -81,9 +89,12 @@ def distance_from_line(start: Pose6, end: Pose6, here: Pose6) -> float:
 
 
 class Mover:
-    """Moves a robot in the work frame. Used by one thread only, the one that owns the robot.
+    """A mover of a robot in the work frame, for the one thread that owns the robot.
 
-    halt: set from outside to stop at once.
+    Args:
+        robot: The connected robot.
+        settings: Configuration of the setup.
+        halt: Event that is set from outside to stop at once.
     """
 
     def __init__(self, robot: Robot, settings: Settings, halt: threading.Event) -> None:
@@ -94,7 +105,7 @@ class Mover:
         self._from_base = inverse(self._work)
 
     def pose(self) -> Pose6:
-        """Return where the tool is, in the work frame."""
+        """Return the pose of the tool in the work frame."""
         return pose_of(self._from_base @ matrix(self._robot.pose()))
 
     def state(self) -> RobotState:
@@ -102,16 +113,24 @@ class Mover:
         return self._robot.state()
 
     def force(self) -> Array | None:
-        """Return (3,) N in the work frame; None where the robot does not measure it."""
+        """Return the force (3,) in the work frame, N; None where the robot does not measure it."""
         force = self._robot.state().force_n
         turn: Array = self._work[:3, :3]
         return None if force is None else turn.T @ force
 
     def go(self, target: Pose6, speed: float, guard: Guard | None = None) -> None:
-        """Move straight to a pose in the work frame, mm/s, and wait for it.
+        """Move straight to a pose in the work frame and wait until it is reached.
 
-        Raises RobotError for a target outside the envelope, a robot that is not normal, stands
-        still, leaves its line or needs too long; GuardError when the guard says so; StopNowError.
+        Args:
+            target: The pose.
+            speed: Top speed, mm/s.
+            guard: Guard of the move, if any.
+
+        Raises:
+            RobotError: The target lies outside the envelope, or the robot is not normal, stops
+                before the target or needs too long.
+            GuardError: The tool leaves its line, or the guard returns a reason.
+            StopNowError: Somebody asked to stop.
         """
         self._check_target(target, "the tool")
         self._go(target, speed, guard)
@@ -119,8 +138,10 @@ class Mover:
     def come_in(self, speed: float) -> None:
         """Move from a stage's switches, which may lie outside the envelope, into it.
 
-        Sideways at the height of the switches, then down. Raises RobotError where that height is
-        not clear.
+        It moves sideways at the height of the switches, then down.
+
+        Raises:
+            RobotError: The height of the switches is not above the clearance, or a move fails.
         """
         limits = self._settings.envelope
         _, _, z, a, b, c = self.pose()
@@ -135,8 +156,20 @@ class Mover:
     def probe(self, target: Pose6, speed: float, guard: Guard) -> Pose6 | None:
         """Move towards a pose in the work frame until a probe's contact closes.
 
-        In short steps, for the robot answers nothing in one. Returns the pose there, None: it did
-        not close. Raises as ``go``.
+        It moves in short steps, because the robot answers nothing during a step.
+
+        Args:
+            target: The pose.
+            speed: Speed, mm/s.
+            guard: Guard that is asked before every step.
+
+        Returns:
+            The pose at which the contact closed; None: it did not close.
+
+        Raises:
+            RobotError: The target lies outside the envelope, or the robot is not normal or fails.
+            GuardError: The guard returns a reason.
+            StopNowError: Somebody asked to stop.
         """
         self._check_target(target, "the probe")
         robot = self._robot
@@ -156,7 +189,7 @@ class Mover:
         return None
 
     def stop(self) -> None:
-        """Stop and wait until it stands, at most STOP_S."""
+        """Stop the robot and wait until it stands still, at most STOP_S."""
         self._robot.stop()
         end = time.monotonic() + STOP_S
         while self._robot.moving() and time.monotonic() < end:
@@ -164,12 +197,17 @@ class Mover:
             time.sleep(TICK_S)
 
     def check(self) -> None:
-        """Raise StopNowError where somebody asked to stop, RobotError for a robot not normal."""
+        """Raise StopNowError on a request to stop, RobotError where the robot is not normal."""
         self._check_halt()
         self._check_normal()
 
     def rest(self, seconds: float) -> None:
-        """Stand still for seconds of the devices' clock. Raises as ``check``."""
+        """Stand still for a time of the devices' clock.
+
+        Raises:
+            StopNowError: Somebody asked to stop.
+            RobotError: The robot is not normal.
+        """
         end = time.monotonic() + seconds / self._settings.robot.time_scale
         while (left := end - time.monotonic()) > 0:
             self.check()
@@ -184,15 +222,15 @@ class Mover:
         for attempt in (1, 2):
             self._robot.start(pose_of(self._work @ matrix(target)), speed, acceleration)
             self._wait(start, target, speed, guard)
-            here = self.pose()
-            if _same(here, target):
+            reached = self.pose()
+            if _same(reached, target):
                 return
             # A robot that did not move at all may have missed the command; one that stopped on its
             # way was held.
-            if attempt == 2 or not _same(here, start):
+            if attempt == 2 or not _same(reached, start):
                 raise RobotError(
-                    f"the robot stopped {distance_between(here, target):.2f} mm and "
-                    f"{angle_between(here, target):.1f} deg before its target; look whether "
+                    f"the robot stopped {distance_between(reached, target):.2f} mm and "
+                    f"{angle_between(reached, target):.1f} deg before its target; look whether "
                     "somebody held it."
                 )
 
@@ -214,17 +252,17 @@ class Mover:
                     )
                 time.sleep(TICK_S)
         except BaseException:
-            with suppress(RobotError):  # the reason for stopping is what is told
+            with suppress(RobotError):  # the reason for stopping is the error that is shown
                 self.stop()
             raise
         self._check_normal()
 
     def _check_way(self, start: Pose6, target: Pose6, guard: Guard | None) -> None:
-        here = self.pose()
-        distance = distance_from_line(start, target, here)
+        pose = self.pose()
+        distance = distance_from_line(start, target, pose)
         if distance > OFF_LINE_MM:
             raise GuardError(f"the tool was {distance:.1f} mm beside its line.")
-        reason = "" if guard is None else guard(here)
+        reason = "" if guard is None else guard(pose)
         if reason:
             raise GuardError(reason)
 
@@ -247,10 +285,12 @@ class Mover:
 class RobotThread:
     """The one thread that owns the robot: it connects on entry and lets go on exit.
 
-    Raises RobotError when the robot does not answer within ``robot.connect_s``, homing not counted.
+    On entry, RobotError is raised where the robot does not answer within ``robot.connect_s``,
+    homing not counted.
 
     Attributes:
-        halt: stops what moves, also homing while it connects.
+        robot: The robot.
+        halt: Event that stops all motion, also homing while it connects.
     """
 
     def __init__(self, robot: Robot, settings: Settings) -> None:
@@ -281,9 +321,15 @@ class RobotThread:
     def do(self, job: Callable[[Mover], T], deadline_s: float) -> T:
         """Return the result of a job that the robot's thread does.
 
-        Raises what the job raises, and RobotError when it has not ended after deadline_s, host
-        seconds. A job that nobody waits for any more, for that reason or for Ctrl-C, is told to
-        stop, or never begun.
+        Errors of the job are raised here. A job whose caller no longer waits, because of the
+        deadline or of Ctrl-C, is told to stop, or never begun.
+
+        Args:
+            job: Function of the mover.
+            deadline_s: Host seconds within which the job must end.
+
+        Raises:
+            RobotError: The job has not ended by the deadline.
         """
         future: Future[T] = Future()
         end = time.monotonic() + deadline_s
@@ -313,7 +359,7 @@ class RobotThread:
             try:
                 item = self._jobs.get(timeout=TICK_S)
             except queue.Empty:
-                with suppress(RobotError):  # whoever moves next is told
+                with suppress(RobotError):  # the next move meets the error again
                     self.robot.tick()
                 continue
             if item is None:

@@ -19,14 +19,14 @@ from tactibench_tactip.settings import IndenterSettings, Settings
 T = TypeVar("T")
 
 SAME_MM = 1e-6
-"""Radii and tips of two indenters are the same within this: numbers of a file, not of a
-measurement."""
+"""Difference within which radii and tips of two indenters are the same: the numbers come from
+files, not from measurements."""
 CAPTURE_S = 0.3
 """Time of the frames of a press and of the frame after it."""
 SEARCH_S = 60.0
 """Time of a search for first touch."""
 TURN_DEG = 0.05
-"""Turn up to which a stage, which cannot turn the tool, is taken to reach a pose."""
+"""Turn up to which a stage, which cannot turn the tool, is considered to reach a pose."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ def plan_of(
     Args:
         source: Name of a protocol, or path of a plan.jsonl.
         settings: Configuration of the setup, whose sensor limits the depth.
-        draws: Draws of the protocol to take, all by default; NAME=N takes so many presses of
-            every indenter of it.
+        draws: Draws of the protocol to take, all by default; NAME=N takes N presses of every
+            indenter of that draw.
         count: Most presses of every indenter of every other draw, evenly spread.
         seed: Seed of other presses than the protocol's.
 
     Raises:
-        UserError: There is no such protocol, file or draw.
+        UserError: There is no such protocol, file or draw, or a draw is not NAME or NAME=N.
     """
     press_plan = plan_presses(source, settings.sensor, seed=seed)
     presses = list(press_plan)
@@ -112,7 +112,7 @@ def _draw_and_count(text: str) -> tuple[str, int | None]:
 
 
 def _limit_presses(presses: list[Press], counts: Mapping[str, int | None]) -> list[Press]:
-    """At most counts[draw] of every indenter of every draw, in the same order."""
+    """Return at most counts[draw] presses of every indenter of every draw, in the same order."""
     groups: dict[tuple[str, Indenter], list[Press]] = {}
     for press in presses:
         groups.setdefault((press.draw, press.scene.indenter), []).append(press)
@@ -125,7 +125,7 @@ def _limit_presses(presses: list[Press], counts: Mapping[str, int | None]) -> li
 
 
 def by_indenter(presses: Iterable[Press]) -> dict[Indenter, list[Press]]:
-    """Return presses grouped by the indenter that they need, in the order of its first one."""
+    """Return presses grouped by the indenter that they need, in the order of its first press."""
     groups: dict[Indenter, list[Press]] = {}
     for press in presses:
         groups.setdefault(press.scene.indenter, []).append(press)
@@ -135,7 +135,8 @@ def by_indenter(presses: Iterable[Press]) -> dict[Indenter, list[Press]]:
 def with_smallest_turn(scene: Scene) -> Scene:
     """Return the same contacts with the smallest turn of the tool.
 
-    One tip needs none, two of one height look the same after half a turn, three after a third.
+    One tip needs no turn; two tips of one height look the same after half a turn, three after a
+    third.
     """
     indenter, pose = scene.indenter, scene.pose
     heights = {offset[2] for offset in indenter.offsets}
@@ -151,9 +152,13 @@ def with_smallest_turn(scene: Scene) -> Scene:
 def check_plan(
     plan: CollectionPlan, settings: Settings, geometry: PressGeometry, *, turns: bool
 ) -> None:
-    """Raise UserError for the first press that may not be made, with the number of them.
+    """Raise UserError where presses may not be made; it names the first and their number.
 
-    turns: Whether the robot can turn the tool.
+    Args:
+        plan: The presses.
+        settings: Configuration of the setup.
+        geometry: Geometry of presses, with its first touch.
+        turns: Whether the robot can turn the tool.
     """
     refused: list[tuple[Press, str]] = []
     for press in plan.presses:
@@ -187,7 +192,7 @@ def _refusal(scene: Scene, settings: Settings, geometry: PressGeometry, turns: b
 
 
 def estimate_seconds(presses: Iterable[Press], settings: Settings) -> float:
-    """Return device seconds of presses, searches for first touch included."""
+    """Return the device seconds that presses take, searches for first touch included."""
     geometry = geometry_of(settings)
     paths = [path_of(with_smallest_turn(press.scene), geometry, settings) for press in presses]
     searches = 1 + len(paths) // settings.contact.every_presses
@@ -207,7 +212,7 @@ def is_mounted(mounted: IndenterSettings, indenter: Indenter) -> bool:
 
 
 def indenter_settings(indenter: Indenter) -> IndenterSettings | None:
-    """Return the [indenter] with which it is mounted; None: no holder of this program's."""
+    """Return the table [indenter] of an indenter; None: no such table can describe it."""
     offsets = indenter.offsets
     if indenter.is_plate:
         settings = IndenterSettings(kind="plate")
@@ -232,7 +237,7 @@ def indenter_settings(indenter: Indenter) -> IndenterSettings | None:
 
 
 def describe_indenter(indenter: Indenter) -> str:
-    """Return what has to be mounted, for a person."""
+    """Return a description of an indenter, for the person who mounts it."""
     offsets = indenter.offsets
     if indenter.is_plate:
         return "the plate"

@@ -13,7 +13,7 @@ from tactibench_tactip.settings import EnvelopeSettings, Pose6
 Array = npt.NDArray[np.float64]
 
 ROUNDING_MM, ROUNDING_DEG = 1e-6, 1e-3
-"""By which rounding may take a pose of a plan out of the envelope."""
+"""Distance and angle by which rounding may take a pose of a plan out of the envelope."""
 
 
 def matrix(pose: Pose6) -> Array:
@@ -33,7 +33,7 @@ def matrix(pose: Pose6) -> Array:
 def pose_of(transform: Array) -> Pose6:
     """Return the pose of a (4, 4) rigid transform, alpha and gamma in -180..180, beta in -90..90.
 
-    At beta = +-90 alpha and gamma turn about one line: all of it is called alpha.
+    At beta = +-90 alpha and gamma turn about the same line: alpha is the whole turn, gamma is 0.
     """
     m = transform.tolist()
     level = math.hypot(m[0][0], m[1][0])
@@ -60,13 +60,13 @@ def about_z(degrees: float) -> Array:
 
 
 def to_ur(pose: Pose6) -> list[float]:
-    """Return x, y, z m and a rotation vector, rad: the form of a UR controller."""
+    """Return a pose in the form of a UR controller: x, y, z, m, and a rotation vector, rad."""
     turn = Rotation.from_matrix(matrix(pose)[:3, :3]).as_rotvec()
     return [*(0.001 * value for value in pose[:3]), *turn.tolist()]
 
 
 def from_ur(pose: list[float]) -> Pose6:
-    """Return the pose of a UR controller's numbers, m and rad."""
+    """Return the pose of a UR controller's numbers: x, y, z, m, and a rotation vector, rad."""
     transform = np.eye(4)
     transform[:3, :3] = Rotation.from_rotvec(pose[3:]).as_matrix()
     transform[:3, 3] = 1000.0 * np.asarray(pose[:3])
@@ -90,7 +90,7 @@ def distance_between(a: Pose6, b: Pose6) -> float:
 
 
 def envelope_violation(limits: EnvelopeSettings, pose: Pose6) -> str:
-    """Return a clause about what of a pose in the work frame leaves the envelope, "" for nothing.
+    """Return a clause about how a pose in the work frame leaves the envelope, "" inside it.
 
     Comparisons are written so that NaN fails them. A software limit is no safety function: it
     catches mistakes of a configuration, not of a controller.

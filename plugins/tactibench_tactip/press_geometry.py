@@ -21,7 +21,7 @@ The robot carries one of the two. W is the work frame, z into the object:
     the sensor moves     tool in W = (T in W) (T in S)^-1 (S in tool)^-1,
                          T in W = (0, 0, z0) Rx(180),      S in tool = (x_s, y_s, 0) Rz(yaw_s)
 
-``z0`` is where first touch was found, along the work frame's z: it takes up what is not known of
+``z0`` is where first touch was found, along the work frame's z: it takes up the unknown parts of
 the tool's length and of the table.
 """
 
@@ -45,10 +45,10 @@ _FLIP = matrix((0.0, 0.0, 0.0, 180.0, 0.0, 0.0))
 class PressGeometry:
     """The geometry of one setup.
 
-    Args:
-        frames: what moves and where the sensor sits.
-        dome_radius: mm; inf: a flat pad.
-        z0: of first touch, mm along the work frame's z.
+    Attributes:
+        frames: The part that moves, and the place of the sensor.
+        dome_radius: Radius of the dome, mm; inf: a flat pad.
+        z0: Place of first touch along the work frame's z, mm.
     """
 
     frames: FrameSettings
@@ -56,18 +56,18 @@ class PressGeometry:
     z0: float = 0.0
 
     def with_z0(self, z0: float) -> PressGeometry:
-        """Return the same with another first touch."""
+        """Return the same geometry with another place of first touch, mm."""
         return replace(self, z0=z0)
 
     def tool_pose(self, scene: Scene) -> Pose6:
-        """Return the tool's pose in the work frame for a scene; a negative depth: before touch."""
+        """Return the tool's pose in the work frame; a negative depth lies before first touch."""
         in_sensor = indenter_in_sensor(scene, self.dome_radius)
         if self.frames.moves == "indenter":
             return pose_of(self._sensor_in_work @ in_sensor)
         return pose_of(self._indenter_in_work @ inverse(in_sensor) @ inverse(self._sensor_in_tool))
 
     def at_depth(self, scene: Scene, depth: float) -> Pose6:
-        """Return the tool's pose on the press's own approach, at another depth."""
+        """Return the tool's pose on the press's own approach, at another depth, mm."""
         return self.tool_pose(replace(scene, pose=replace(scene.pose, depth=depth)))
 
     def reached(self, scene: Scene, tool: Pose6) -> Scene:
@@ -127,9 +127,12 @@ def indenter_in_sensor(scene: Scene, dome_radius: float) -> Array:
 
 
 def pose_in_sensor(scene: Scene, in_sensor: Array, dome_radius: float) -> Pose:
-    """Return the pose that ``indenter_in_sensor`` was made of.
+    """Return the pose of a transform, as the inverse of ``indenter_in_sensor``.
 
-    scene: gives the indenter, and a plate's yaw.
+    Args:
+        scene: Scene that gives the indenter, and a plate's yaw.
+        in_sensor: (4, 4) transform of T in S.
+        dome_radius: Radius of the dome, mm.
     """
     if scene.indenter.is_plate:
         yaw = math.radians(scene.pose.yaw)

@@ -12,14 +12,20 @@ from tactibench_tactip.press_geometry import PressGeometry, touch_height
 from tactibench_tactip.settings import Pose6, Settings
 
 NEAR_MM = 1.0
-"""Before first touch, where the slow descent begins."""
+"""Distance before first touch at which the slow descent begins."""
 SLACK_MM = 0.05
-"""Below clearance at which the tool still counts as being there."""
+"""Distance below clearance at which the tool still counts as being at clearance."""
 
 
 @dataclass(frozen=True)
 class PressPath:
-    """The poses of one press in the work frame."""
+    """The poses of one press in the work frame.
+
+    Attributes:
+        above: Pose at clearance.
+        near: Pose before first touch, where the slow descent begins.
+        down: Pose at the depth of the press.
+    """
 
     above: Pose6
     near: Pose6
@@ -27,12 +33,12 @@ class PressPath:
 
     @property
     def poses(self) -> tuple[Pose6, ...]:
-        """All of them, in order."""
+        """All poses, in order."""
         return self.above, self.near, self.down
 
 
 def path_of(scene: Scene, geometry: PressGeometry, settings: Settings) -> PressPath:
-    """Return the path of a press. Sideways it moves only above, at one height for all places."""
+    """Return the path of a press: it moves sideways only above, at one height for all places."""
     return PressPath(
         geometry.at_depth(scene, clear_depth(scene, geometry, settings)),
         geometry.at_depth(scene, min(-NEAR_MM, scene.pose.depth)),
@@ -50,7 +56,13 @@ def clear_depth(scene: Scene, geometry: PressGeometry, settings: Settings) -> fl
 
 
 def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) -> float:
-    """Return device seconds of a press without its frames; sideways_mm: from the one before."""
+    """Return the device seconds that a press takes, without its frames.
+
+    Args:
+        path: Path of the press.
+        settings: Configuration of the setup.
+        sideways_mm: Distance from the press before.
+    """
     robot = settings.robot
     a = robot.acceleration_mm_s2
     x, y, z, *turn = path.above
@@ -65,7 +77,7 @@ def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) 
 
 
 def descend(mover: Mover, path: PressPath, settings: Settings, guard: Guard) -> None:
-    """Move from wherever the tool is, at clearance: above, near, down."""
+    """Move along a path, above, near and down, from any place at clearance."""
     robot = settings.robot
     mover.go(path.above, robot.approach_mm_s)
     mover.go(path.near, robot.approach_mm_s, guard)
@@ -73,7 +85,7 @@ def descend(mover: Mover, path: PressPath, settings: Settings, guard: Guard) -> 
 
 
 def force_guard(mover: Mover, most_n: float) -> Guard:
-    """Return a guard that stops when the force differs by more than most_n from what it is now."""
+    """Return a guard that stops where the force differs by more than ``most_n`` from now."""
     before = mover.force()
 
     def guard(_: Pose6) -> str:
@@ -92,7 +104,7 @@ def force_guard(mover: Mover, most_n: float) -> Guard:
 
 
 def withdraw(mover: Mover, scene: Scene, geometry: PressGeometry, settings: Settings) -> None:
-    """Move straight back along the approach axis to clearance; not where the tool is that high."""
+    """Move straight back along the approach axis to clearance, unless the tool is that high."""
     reached = geometry.reached(scene, mover.pose())
     clear = clear_depth(reached, geometry, settings)
     if not np.isfinite(clear):  # beside the dome: up along the work frame's own axis
@@ -102,7 +114,7 @@ def withdraw(mover: Mover, scene: Scene, geometry: PressGeometry, settings: Sett
 
 
 def clear_height(geometry: PressGeometry, settings: Settings) -> float:
-    """Return z of the work frame at which the mounted indenter is clearance_mm above the apex."""
+    """Return z of the work frame, mm, where the mounted indenter is clearance_mm over the apex."""
     longest = max(offset[2] for offset in settings.indenter.indenter().offsets)
     return geometry.z0 - longest - settings.envelope.clearance_mm
 
@@ -110,7 +122,7 @@ def clear_height(geometry: PressGeometry, settings: Settings) -> float:
 def raise_straight(mover: Mover, geometry: PressGeometry, settings: Settings) -> None:
     """Move up along the work frame's z until the whole indenter is clearance_mm above the apex.
 
-    From wherever the tool is, before any sideways motion.
+    It starts from any place, and comes before any sideways motion.
     """
     x, y, z, a, b, c = mover.pose()
     high = clear_height(geometry, settings)

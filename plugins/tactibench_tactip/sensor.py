@@ -19,10 +19,7 @@ class TacTip(Sensor):
     """A TacTip under a robot: camera and robot are opened on entry.
 
     First touch is found before the first press and again as the configuration says. A frame's pose
-    is the one that was reached.
-
-    Raises UserError for a scene outside the envelope, deeper than ``sensor.deepest_mm``, or of an
-    indenter that is not mounted, and for frames that cannot be kept.
+    is the pose that was reached.
     """
 
     def __init__(self, context: SensorContext, config: str = "") -> None:  # noqa: ARG002
@@ -33,7 +30,11 @@ class TacTip(Sensor):
 
     @cached_property
     def settings(self) -> Settings:
-        """The configuration. Raises UserError where none is named, and for its mistakes."""
+        """The configuration.
+
+        Raises:
+            UserError: No configuration is named, or it has a mistake.
+        """
         if not self._config:
             raise UserError(
                 "sensor 'tactip' is a real one and needs a configuration: --param "
@@ -48,7 +49,7 @@ class TacTip(Sensor):
 
     @property
     def deepest_mm(self) -> float:  # type: ignore[override]
-        """Depth that it may be pressed."""
+        """Greatest depth of a press, mm."""
         return self.settings.sensor.deepest_mm
 
     def __enter__(self) -> Self:
@@ -61,12 +62,18 @@ class TacTip(Sensor):
         self._stack.close()
 
     def rest(self) -> Frame:
-        """Return the undeformed sensor, the mean of some frames."""
+        """Return a frame of the undeformed sensor, the mean of several frames."""
         image = self._open.rest_reference().image
         return Frame(image, self._open.camera.now().t_ns * 1e-9, Pose(), image)
 
     def press(self, scene: Scene) -> Frame:
-        """Press once."""
+        """Press once and return the frame, with the pose that was reached.
+
+        Raises:
+            UserError: The scene lies outside the envelope, is deeper than ``sensor.deepest_mm``,
+                goes sideways after first touch or needs an indenter that is not mounted.
+            DeviceError: A device failed, or the frames cannot be kept.
+        """
         station = self._open
         self._check(scene)
         every = self.settings.contact.every_presses
@@ -83,7 +90,7 @@ class TacTip(Sensor):
         return Frame(check.image, check.t_ns * 1e-9, result.scene.pose, rest.image)
 
     def describe(self) -> dict[str, Any]:
-        """Return what the configuration says of sensor, camera and frames."""
+        """Return the tables of the configuration that a data set keeps."""
         return {"plugin": f"tactibench_tactip {__version__}", **self.settings.record()}
 
     @property

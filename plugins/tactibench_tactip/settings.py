@@ -60,15 +60,16 @@ MAY_CHANGE = MappingProxyType(
         "timing": ("settle_s",),
     }
 )
-"""Table -> keys that may change within a data set: labels and frames mean the same without them.
-They decide what is refused, how long things take and how long is waited."""
+"""Table -> keys that may change within a data set, because labels and frames do not depend on them.
+They decide what is refused, how long actions take and how long the program waits."""
 
 
 METRES, MOST_MM = 2.0, 5000.0
-"""A place nearer to its origin was meant in m: no robot reaches 2 mm from its base, and no tool is
-so short. One further away than 5 m is no table's."""
+"""Distances from the origin, mm, between which a place must lie, unless it is the origin. A nearer
+place was meant in m: no robot reaches 2 mm from its base, and no tool is so short. No table has a
+place farther away than 5 m."""
 QUARTER_RAD = 0.03
-"""By which taught angles miss a quarter turn, rad."""
+"""Difference within which a taught angle counts as a number of quarter turns, rad."""
 
 
 class _Table(BaseModel):
@@ -83,7 +84,7 @@ class RobotSettings(_Table):
         address: A host (ur), a serial port or socket:// (grbl), or ``package.module:callable``
             that makes the robot (cri).
         connect_s: Time within which the robot must answer.
-        time_scale: Times by which an emulator runs faster than real; 1 on a robot.
+        time_scale: Factor by which an emulator runs faster than in real time; 1 on a robot.
         watchdog_hz: Rate of the watchdog: a UR stops when it receives nothing for one period.
         home: Whether to drive a stage to its switches when it is not homed.
         allow_unhomed: Whether to use a stage that has no switches.
@@ -151,10 +152,10 @@ class FrameSettings(_Table):
 
 
 def _looks_like_radians(angles: tuple[float, ...]) -> bool:
-    """Return whether angles, or the rotation vector of these numbers, are of quarter turns.
+    """Return whether numbers look like the radians of quarter turns.
 
-    All within a whole turn in radians, and one of them, or their length, a multiple of pi / 2: as a
-    tool that points down has it on a pendant.
+    All must lie within a whole turn in radians, and one of them, or their length as a rotation
+    vector, must be a multiple of pi / 2, as a pendant shows it for a tool that points down.
     """
     if max(map(abs, angles)) > 2.0 * math.pi + QUARTER_RAD:
         return False
@@ -179,7 +180,7 @@ class SensorSettings(_Table):
 
     @property
     def workspace(self) -> None:
-        """A TacTip is pressed in the published range."""
+        """None: a TacTip is pressed in the published range."""
         return None
 
 
@@ -251,8 +252,8 @@ class IndenterSettings(_Table):
 class EnvelopeSettings(_Table):
     """Limits of the tool's centre point in the work frame.
 
-    A box, x and y to +-half_width_mm, z from -above_mm to below_mm; turned by at most tilt_deg
-    against the work frame's z, and yaw_deg about it.
+    The tool stays in a box: x and y within +-half_width_mm, z from -above_mm to below_mm. It is
+    turned by at most tilt_deg against the work frame's z, and yaw_deg about it.
 
     Attributes:
         clearance_mm: Distance before first touch at which all sideways motion is made.
@@ -302,7 +303,7 @@ class TimingSettings(_Table):
 
 
 class SafetySettings(_Table):
-    """Reactions to what goes wrong.
+    """Reactions to faults.
 
     Attributes:
         auto_recover: Protective stops that are released without asking, at most one in 500
@@ -329,21 +330,22 @@ class Settings(_Table):
     safety: SafetySettings = SafetySettings()
 
     def with_changes(self, **tables: dict[str, Any]) -> Settings:
-        """Return the same with other values of keys, table by table, which are not checked."""
+        """Return the settings with other values of keys, table by table; they are not checked."""
         changes = {
             name: getattr(self, name).model_copy(update=values) for name, values in tables.items()
         }
         return self.model_copy(update=changes)
 
     def with_speed_scale(self, scale: float) -> Settings:
-        """Return the same with all speeds times scale."""
+        """Return the settings with all speeds times ``scale``."""
         names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
         return self.with_changes(robot={name: scale * getattr(self.robot, name) for name in names})
 
     def record(self) -> dict[str, Any]:
         """Return the tables that a data set keeps.
 
-        Left out are the mounted indenter, which changes in a collection, and the addresses.
+        Left out are the mounted indenter, which changes in a collection, the reactions to faults,
+        the addresses and ``connect_s``.
         """
         tables = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
         for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):
@@ -351,9 +353,10 @@ class Settings(_Table):
         return tables
 
     def record_for(self, begun: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the record for a data set that was begun with another one.
+        """Return the record for a data set that was begun with another record.
 
-        It differs from that one by the keys alone that must not change.
+        The keys that may change have the values of that record, so that the two differ only in
+        keys that must not change.
         """
         tables = self.record()
         for table, names in MAY_CHANGE.items():
@@ -366,7 +369,11 @@ class Settings(_Table):
 
 
 def read_settings(path: Path) -> Settings:
-    """Return the settings of a file. Raises UserError with the file and the key that is wrong."""
+    """Return the settings of a file.
+
+    Raises:
+        UserError: The file cannot be read, or a key is wrong; the message names file and key.
+    """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -402,7 +409,7 @@ _EXAMPLE_FRAMES = {
 
 
 def example_configuration(driver: str) -> str:
-    """Return TOML in which every key says what it is for; driver: ur, grbl or cri."""
+    """Return a configuration in TOML, with comments, for driver "ur", "grbl" or "cri"."""
     tcp = (
         "[0.0, 0.0, 89.1, 0.0, 0.0, 0.0]" if driver != "grbl" else "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
     )

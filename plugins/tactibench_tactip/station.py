@@ -35,16 +35,17 @@ T = TypeVar("T")
 REST_FRAMES = 20
 """Frames of a rest image: their mean has a fifth of the noise of one."""
 LOOKS = 3
-"""Times that frames of a press are taken before it counts as bad."""
+"""Number of times that frames of a press are taken before the press counts as bad."""
 SAME_MM = 0.05
 """Distance that the tool may move while frames are taken."""
 RELAXED = 0.3
 """Share of a press's change that a frame after it may still show."""
 RELAXED_LEVELS = 0.3
-"""Least limit of that change, grey levels, where the press itself changed little."""
+"""Least value of that limit, grey levels, where the press itself changed little."""
 RELAXING_S = 5.0
 """Host seconds within which a skin comes back and a camera shows it."""
 LONG_S = 60.0
+"""Device seconds that a job is expected to take where its caller does not say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +58,10 @@ class PressResult:
         settled_ns: End of settling, on the clock of the frames.
         commanded: Pose of the tool in the work frame that was commanded.
         before: Pose of the tool before the frames were taken.
-        after: Pose of the tool after them.
-        state: State of the robot before them.
-        z0: First touch on which the depth is counted, mm.
-        looks: Times that frames were taken.
+        after: Pose of the tool after the frames were taken.
+        state: State of the robot before the frames were taken.
+        z0: First touch from which the depth is counted, mm.
+        looks: Number of times that frames were taken.
         frames: Frames of the last look.
     """
 
@@ -80,6 +81,11 @@ class Station:
     """The camera and the robot of a setup, opened in this order.
 
     On exit the tool is withdrawn before the robot is released.
+
+    Args:
+        settings: Configuration of the setup.
+        robot: A robot that is not connected; None: the robot of the configuration.
+        camera: An open camera; None: that of the configuration, which is opened on entry.
 
     Attributes:
         geometry: Geometry of presses, with the z0 of the latest first touch.
@@ -103,7 +109,7 @@ class Station:
         with ExitStack() as stack:
             if self._opens_camera:
                 stack.enter_context(self.camera)
-            # The first look for pins compiles; nobody shall wait for it who holds a robot.
+            # The first count of pins compiles code: this must not delay a robot that is connected.
             count_pins(self.camera.now().image)
             stack.enter_context(self.robot_thread)
             self.do(self._enter)
@@ -133,7 +139,12 @@ class Station:
         return self.robot_thread.robot
 
     def do(self, job: Callable[[Mover], T], expected_s: float = LONG_S) -> T:
-        """Return the result of a job of the robot's thread; expected_s: device seconds."""
+        """Return the result of a job of the robot's thread.
+
+        Args:
+            job: Function of the mover.
+            expected_s: Device seconds that the job is expected to take.
+        """
         scale = self.settings.robot.time_scale
         return self.robot_thread.do(job, 4.0 * patience(expected_s, scale))
 
@@ -144,7 +155,11 @@ class Station:
     # The way back
 
     def withdraw(self) -> str:
-        """Stop, and retract where the robot is normal. Returns why it was left as it is, or ""."""
+        """Stop, and retract the tool where the robot is normal.
+
+        Returns:
+            Why the tool was left where it is; "" where it was not.
+        """
         scene = self._pressed
 
         def back(mover: Mover) -> str:
@@ -166,7 +181,11 @@ class Station:
         return problem
 
     def draw_back(self) -> None:
-        """Withdraw. Raises RobotError when the tool was left where it is."""
+        """Withdraw the tool.
+
+        Raises:
+            RobotError: The tool was left where it is.
+        """
         problem = self.withdraw()
         if problem:
             raise RobotError(f"{problem}.")
@@ -186,27 +205,33 @@ class Station:
         self.do(up)
 
     def mount(self, indenter: IndenterSettings) -> None:
-        """Take note that another indenter was mounted: first touch has to be found again."""
+        """Note that another indenter was mounted; first touch has to be found again."""
         self.settings = self.settings.model_copy(update={"indenter": indenter})
         self.geometry = self.geometry.with_z0(self.settings.contact.fixed_mm)
 
     # Checks
 
     def check_plan(self, plan: CollectionPlan) -> None:
-        """Raise UserError for a press of a plan that may not be made here."""
+        """Raise UserError where a press of a plan may not be made with this setup."""
         check_plan(plan, self.settings, self.geometry, turns=self.robot.turns)
 
     def check_scenes(self, source: str, scenes: Iterable[Scene]) -> None:
-        """Raise UserError as ``check_plan``, for presses of no protocol; source: names them."""
+        """Raise UserError where presses of no protocol may not be made with this setup.
+
+        Args:
+            source: Name of the presses, for the message.
+            scenes: The presses.
+        """
         presses = tuple(Press(k, f"press {k + 1}", scene) for k, scene in enumerate(scenes))
         self.check_plan(CollectionPlan(source, presses, {}))
 
     # Rest frames
 
     def look_at_rest(self) -> Reference:
-        """Return the undeformed sensor, the tool well away; later frames are compared with it.
+        """Raise the tool and return the undeformed sensor, with which later frames are compared.
 
-        Raises UserError when it shows another count of pins than the configuration.
+        Raises:
+            UserError: The count of pins is not the configuration's.
         """
         self.do(lambda m: press_path.raise_straight(m, self.geometry, self.settings))
         rest = Reference.of(self.camera.after(time.monotonic_ns(), REST_FRAMES))
@@ -220,18 +245,19 @@ class Station:
         return rest
 
     def rest_reference(self) -> Reference:
-        """Return the latest look at the undeformed sensor, a new one where there is none."""
+        """Return the latest look at the undeformed sensor, or a new one where there is none."""
         return self.rest or self.look_at_rest()
 
     def check_undeformed(self) -> None:
-        """Look whether it was the press, or something that spoils all presses.
+        """Check that no fault of the setup spoils all presses.
 
-        Raises CameraError when light or exposure are not as at the latest look at rest, UserError
-        as ``look_at_rest``.
+        Raises:
+            CameraError: Light or exposure are not as at the latest look at rest.
+            UserError: The count of pins is not the configuration's.
         """
         before = self.rest_reference()
         brightness = self.look_at_rest().brightness
-        self.rest = before  # the one that the data set holds
+        self.rest = before  # the reference that the data set holds
         if is_other_light(brightness, before.brightness):
             raise CameraError(
                 f"the undeformed sensor is {brightness:.1f} grey levels bright, it was "
@@ -243,7 +269,7 @@ class Station:
 
     @contextlib.contextmanager
     def at(self, scene: Scene) -> Iterator[None]:
-        """Hold the tool on the path of this press; an exception inside draws it back along it."""
+        """Note that the tool is on the path of a press; an exception in the block withdraws it."""
         self._pressed = scene
         try:
             yield
@@ -253,7 +279,11 @@ class Station:
         self._pressed = None
 
     def path(self, scene: Scene) -> PressPath:
-        """Return the path of a press. Raises UserError for one too deep for the sensor."""
+        """Return the path of a press.
+
+        Raises:
+            UserError: The press is too deep for the sensor.
+        """
         deepest = self.settings.sensor.deepest_mm
         if scene.pose.depth > deepest:
             raise UserError(
@@ -263,10 +293,16 @@ class Station:
         return path_of(scene, self.geometry, self.settings)
 
     def down(self, mover: Mover, path: PressPath) -> int:
-        """Descend, as a job: too much force, or a camera without frames, stops it.
+        """Descend, as a job of the robot's thread.
 
-        Returns when it ended, ns on the clock of the frames. Raises as ``Mover.go``, and
-        CameraError.
+        Returns:
+            The end of the descent, ns on the clock of the frames.
+
+        Raises:
+            RobotError: A move failed, see ``Mover.go``.
+            GuardError: The force is too great, or the tool left its line.
+            CameraError: The camera gave no frames in the descent.
+            StopNowError: Somebody asked to stop.
         """
         force = press_path.force_guard(mover, self.settings.envelope.max_force_n)
 
@@ -279,9 +315,14 @@ class Station:
         return time.monotonic_ns()
 
     def press(self, scene: Scene) -> PressResult:
-        """Press once, take frames, go back.
+        """Press once, take frames, and go back.
 
-        Raises RobotError, CameraError, StopNowError, and UserError as ``path``.
+        Raises:
+            RobotError: A move failed, or was stopped by a guard.
+            CameraError: The camera gives no frames.
+            StopNowError: Somebody asked to stop.
+            UserError: The press is too deep for the sensor, or the undeformed sensor shows another
+                count of pins than the configuration.
         """
         rest = self.rest_reference()
         path = self.path(scene)
@@ -311,7 +352,15 @@ class Station:
     def press_checked(self, scene: Scene) -> tuple[PressResult, str]:
         """Press between two undeformed frames, which show a camera that lags.
 
-        Returns the press, and why its frame cannot be kept, "" when it can. Raises as ``press``.
+        Returns:
+            The press, and why its frame cannot be kept; "" where it can.
+
+        Raises:
+            RobotError: A move failed, or was stopped by a guard.
+            CameraError: The camera gives no frames, or still shows the press before.
+            StopNowError: Somebody asked to stop.
+            UserError: The press is too deep for the sensor, or the undeformed sensor shows another
+                count of pins than the configuration.
         """
         self._wait_undeformed()
         result = self.press(scene)
@@ -328,7 +377,10 @@ class Station:
     def _frames_of(
         self, settled_ns: int, rest: Reference, depth: float
     ) -> tuple[list[CameraFrame], FrameCheck, int]:
-        """Frames after the end of settling, again where they cannot be kept, and how often."""
+        """Return frames after the end of settling, their check, and how often they were taken.
+
+        They are taken again, up to LOOKS times, where they cannot be kept.
+        """
         since = settled_ns
         for look in range(1, LOOKS + 1):
             frames = self.camera.after(since, self.settings.camera.burst)
@@ -339,9 +391,9 @@ class Station:
         return frames, check, look
 
     def _looks_undeformed(self, press: Image) -> bool:
-        """True where a frame taken now, the tool away, shows little of the press.
+        """Return whether a frame taken now, with the tool away, shows little of the press.
 
-        A camera that still shows it lags behind, a skin creeps back.
+        A camera that still shows the press lags behind; a skin may creep back slowly.
         """
         rest = self.rest_reference()
         share = RELAXED * (rest.change_of(press) - rest.change)
@@ -354,10 +406,12 @@ class Station:
         return False
 
     def _wait_undeformed(self) -> None:
-        """Wait for a press that was still seen after it to be gone.
+        """Wait until frames no longer show the press before.
 
-        A camera that shows old frames must not show them in the next press. Raises CameraError
-        after RELAXING_S.
+        A camera that shows old frames must not show them in the next press.
+
+        Raises:
+            CameraError: Frames still show a contact after RELAXING_S, or the light changed.
         """
         end = time.monotonic() + RELAXING_S
         while self._afterimage is not None and not self._looks_undeformed(self._afterimage):
@@ -369,7 +423,11 @@ class Station:
                 )
 
     def _enter(self, mover: Mover) -> None:
-        """Refuse to start where a straight way up is not known to be free."""
+        """Raise the tool, unless a straight way up is not known to be free.
+
+        Raises:
+            UserError: The tool stands outside the envelope.
+        """
         if isinstance(self.robot, HomingRobot) and self.robot.at_switches:
             mover.come_in(self.settings.robot.approach_mm_s)
         violation = envelope_violation(self.settings.envelope, mover.pose())

@@ -1,10 +1,11 @@
 """First touch: by the tactile image, by force, by a probe, or as the configuration says.
 
 Depth is counted from where the sensor is first touched, not from where a pose says that it should
-be. By the image: down in small steps until frames change by more than noise, twice in a row; then,
-from before that place, a ramp of steps of which the change of every frame is measured along the
-change of the deepest one. The change begins at first touch and grows with a power of the depth: the
-begin of the best such curve is first touch, well below the step and the threshold of detection.
+be. The search by image goes down in small steps until two frames in a row change by more than
+noise. Then, from before that place, it makes a ramp of steps and measures the change of every frame
+along the change of the deepest one. The change begins at first touch and grows with a power of the
+depth: the beginning of the best such curve is first touch, which is then known to much less than
+the step and the threshold of detection.
 """
 
 from __future__ import annotations
@@ -28,20 +29,22 @@ from tactibench_tactip.station import Station
 STEP_MM = 0.1
 """Step of a search by eye: smaller than a press that is seen (``SEEN_MM`` of frame_check)."""
 BEFORE_MM, BEYOND_MM = 0.25, 0.6
-"""Begin and end of the ramp, around the place at which the change was noticed."""
+"""Distances of the start and the end of the ramp from the place at which a change was noticed."""
 FRAMES, NOTICE_FRAMES = 3, 2
 """Frames taken at a step of the ramp, and at a step on the way down."""
 AGAIN_MM = 1.0
 """Distance before the last first touch at which a later search begins."""
 POWERS = np.arange(1.0, 2.01, 0.1)
-"""Between the displacement of a pin under the tip (1) and a Hertzian force (1.5) and beyond."""
+"""Powers to try: from the displacement of a pin under the tip (1) to a Hertzian force (1.5) and
+beyond."""
 GRID_MM = 0.002
 """Grid on which the beginning of the ramp is sought, far below what frames can tell."""
 ASIDE_MM = 0.2
-"""Beside the approach of a place from which on the tool goes up before it goes there."""
+"""Distance beside the approach of a place above which the tool goes up before it goes there."""
 
 Touched = Callable[[float, list[Image]], bool]
-"""Takes a depth that was reached and the frames there; returns whether they show a contact."""
+"""A function of a depth that was reached and of the frames there, which returns whether there is
+contact."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,11 @@ class FirstTouch:
 class Approach:
     """The way down of a search at one place.
 
-    The guard compares with the force before the search, when nothing was touched: a guard made
-    anew at every step would not see a force that grows with the steps.
+    Attributes:
+        station: An open station.
+        place: Place of the search.
+        guard: Guard that compares with the force before the search, when nothing was touched. A
+            guard made anew at every step would not see a force that grows with the steps.
     """
 
     station: Station
@@ -76,7 +82,13 @@ class Approach:
 
 @dataclass(frozen=True)
 class Onset:
-    """The begin of a signal, the power of its growth, and its misfit (rms over the largest)."""
+    """The beginning of a signal.
+
+    Attributes:
+        at_mm: Depth at which it begins.
+        power: Power of the depth with which it grows.
+        misfit: Rms residual of the fit, as a share of the largest signal.
+    """
 
     at_mm: float
     power: float
@@ -84,7 +96,7 @@ class Onset:
 
 
 def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> FirstTouch:
-    """Find first touch and take it over into the station's geometry.
+    """Find first touch and set it in the station's geometry.
 
     Args:
         station: An open station.
@@ -94,7 +106,8 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
 
     Raises:
         NoTouchError: Nothing was touched.
-        UserError: Two searches differ by more than ``contact.spread_mm``.
+        UserError: Two searches differ by more than ``contact.spread_mm``, or the robot does not
+            allow ``contact.method``.
     """
     contact = station.settings.contact
     if contact.method == "fixed":
@@ -132,7 +145,12 @@ def projections(images: Array, rest: Array) -> Array:
 
 
 def fit_onset(depths: Array, signal: Array) -> Onset:
-    """Return the best q = a max(0, s - s0)^p, least squares; depths s (N,) mm rising."""
+    """Return the least-squares fit of q = a max(0, s - s0)^p.
+
+    Args:
+        depths: (N,) s, mm, ascending.
+        signal: (N,) q.
+    """
     last = float(depths[-1])
     starts = np.arange(float(depths[0]), last - STEP_MM, GRID_MM)
     best = (np.inf, float(depths[0]), 1.0)
@@ -153,7 +171,10 @@ def _untouched_guard(mover: Mover, station: Station) -> Guard:
 
 
 def _visual(approach: Approach, start: float) -> tuple[float, float]:
-    """Depth, as the geometry counts now, at which the image begins to change; its power."""
+    """Return the depth, in the present geometry, at which the image begins to change, and a power.
+
+    The power is that with which the change grows.
+    """
     station = approach.station
     rest = station.rest_reference()
 
@@ -211,7 +232,11 @@ def _probe(approach: Approach, start: float) -> tuple[float, float]:
 
 
 def _go_down(approach: Approach, start: float, touched: Touched) -> float:
-    """Down in steps; the depth at which it touched."""
+    """Go down in steps, and return the depth at which the sensor was touched.
+
+    Raises:
+        NoTouchError: Nothing was touched.
+    """
     station = approach.station
     end = _last_depth(station, start)
     station.do(lambda m: press_path.raise_straight(m, station.geometry, station.settings))
@@ -235,7 +260,7 @@ def _nothing_touched(start: float, end: float) -> NoTouchError:
 
 
 def _look(approach: Approach, depth: float, count: int) -> tuple[float, list[Image]]:
-    """Go to a depth and settle: the depth reached, and frames there."""
+    """Go to a depth and settle; return the depth reached, and frames there."""
     station = approach.station
 
     def arrive(mover: Mover) -> tuple[int, float]:
@@ -249,15 +274,15 @@ def _look(approach: Approach, depth: float, count: int) -> tuple[float, list[Ima
 
 
 def _step(mover: Mover, approach: Approach, depth: float) -> None:
-    """Straight to a depth on the approach of a place, sideways only at clearance."""
+    """Move straight to a depth on the approach of a place, sideways only at clearance."""
     station, place, guard = approach.station, approach.place, approach.guard
     settings, geometry, near_mm = station.settings, station.geometry, press_path.NEAR_MM
-    here = geometry.reached(place, mover.pose()).pose
-    if max(abs(here.x - place.pose.x), abs(here.y - place.pose.y)) > ASIDE_MM:
+    pose = geometry.reached(place, mover.pose()).pose
+    if max(abs(pose.x - place.pose.x), abs(pose.y - place.pose.y)) > ASIDE_MM:
         press_path.raise_straight(mover, geometry, settings)
         above = press_path.path_of(place, geometry, settings).above
         mover.go(above, settings.robot.approach_mm_s)
-    if here.depth < -settings.contact.travel_mm - 0.5 and depth > -near_mm:
+    if pose.depth < -settings.contact.travel_mm - 0.5 and depth > -near_mm:
         near = geometry.at_depth(place, min(depth, -near_mm))
         mover.go(near, settings.robot.approach_mm_s, guard)
     mover.go(geometry.at_depth(place, depth), settings.robot.press_mm_s, guard)

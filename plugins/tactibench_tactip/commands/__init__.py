@@ -28,7 +28,11 @@ class Verbs(click.Group):
         return sorted(VERBS)
 
     def get_command(self, _ctx: click.Context, name: str) -> click.Command | None:
-        """Import and return a verb. Raises UserError for an unknown one."""
+        """Import and return a verb.
+
+        Raises:
+            UserError: There is no such verb.
+        """
         if name not in VERBS:
             from tactibench import UserError  # `hw --help` loads nothing heavy
             from tactibench.lab import did_you_mean

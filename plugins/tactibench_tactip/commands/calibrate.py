@@ -107,7 +107,7 @@ class Calibration:
 def calibrate(
     station: Station, radius: float, depth: float, points: int, advance: Callable[[int], None]
 ) -> Calibration:
-    """Search and press at the middle and on a circle.
+    """Find first touch and press at the middle and on a circle, and return the sensor's place.
 
     Args:
         station: An open station with one tip mounted.
@@ -143,7 +143,7 @@ def calibrate(
 
 
 def middle_of(image: Image, rest: Array) -> tuple[float, float]:
-    """Return column and row of the middle of the squared change, px."""
+    """Return column and row of the middle of the squared change from the image at rest, px."""
     energy = np.square(image - rest)
     energy = np.maximum(0.0, energy - np.percentile(energy, 75))  # noise is everywhere
     rows, columns = np.indices(energy.shape)
@@ -152,7 +152,13 @@ def middle_of(image: Image, rest: Array) -> tuple[float, float]:
 
 
 def fit_centre(places: Array, heights: Array, reach: float) -> tuple[Array, float, float, float]:
-    """Return the centre (2,), z_0, one sigma of the centre and rms of the heights, mm."""
+    """Return the centre (2,), z_0, one sigma of the centre and rms of the heights, mm.
+
+    Args:
+        places: (N, 2) places w_i of first touch, mm.
+        heights: (N,) heights z_i of first touch, mm.
+        reach: R_d + R, mm.
+    """
 
     def misfit(p: Array) -> Array:
         square = np.maximum(1e-9, reach**2 - ((places - p[:2]) ** 2).sum(axis=1))
@@ -167,7 +173,12 @@ def fit_centre(places: Array, heights: Array, reach: float) -> tuple[Array, floa
 
 
 def fit_yaw(from_centre: Array, seen: Array) -> tuple[float, float]:
-    """Return the yaw of the image's x axis in the work frame and its one sigma, deg."""
+    """Return the yaw of the image's x axis in the work frame and its one sigma, deg.
+
+    Args:
+        from_centre: (N, 2) places u_i of presses, mm.
+        seen: (N, 2) places m_i of presses in the image, px.
+    """
     flipped = from_centre * [1.0, -1.0]
     square = (flipped**2).sum(axis=1, keepdims=True)
 

@@ -23,7 +23,7 @@ LOOK_S = 10.0
 RATE_FRAMES = 30
 """Frames over which the camera's rate is measured."""
 Row = tuple[str, str, str]
-"""Mark, part of the setup, what was found."""
+"""Mark, part of the setup, finding."""
 
 
 @click.command("doctor")
@@ -46,7 +46,7 @@ def command(**device: Any) -> int:
 def _check(
     part: str, look: Callable[[Settings], Iterator[tuple[str, str]]], settings: Settings
 ) -> Iterator[Row]:
-    """Rows up to the first mistake."""
+    """Yield the rows of a part up to the first mistake."""
     try:
         for name, text in look(settings):
             yield "ok", name, text

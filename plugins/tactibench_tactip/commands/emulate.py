@@ -84,7 +84,7 @@ def command(
 
 
 def _converse(emulation: Emulation) -> None:
-    """Do what is typed; without a terminal wait until somebody ends it."""
+    """Carry out typed lines; at the end of the input wait until somebody ends the program."""
     for line in sys.stdin:
         words = line.split()
         if words[:1] == ["quit"]:
@@ -99,7 +99,7 @@ def _converse(emulation: Emulation) -> None:
 
 
 def _carry_out(emulation: Emulation, words: list[str]) -> str:
-    """Do one line; returns what to print."""
+    """Carry out one line, and return the text to print."""
     match words:
         case ["mount", "single"]:
             indenter = IndenterSettings()

@@ -72,10 +72,15 @@ def command(
 
 
 def check_way(here: Pose6, there: Pose6, settings: Settings) -> None:
-    """Raise UserError for a straight move that must not be made; nothing was moved then.
+    """Raise UserError where a straight move must not be made; nothing has moved then.
 
-    Inside the envelope, a box, both ends stand for the whole way. From outside it a move may come
-    in straight up or down, or at clearance, where nothing is in the way.
+    The envelope is a box: where both ends lie inside, the whole way does. From outside it a move
+    may come in straight up or down, or at clearance, where nothing is in the way.
+
+    Args:
+        here: Present pose of the tool in the work frame.
+        there: Pose to move to.
+        settings: Configuration of the setup.
     """
     violation = envelope_violation(settings.envelope, there)
     if violation:

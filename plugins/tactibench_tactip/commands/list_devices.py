@@ -28,7 +28,10 @@ def command() -> None:
 
 
 def _cameras() -> list[Path]:
-    """Stable names first: /dev/videoN changes with what is plugged in."""
+    """Return the cameras by stable names, if there are any.
+
+    Names /dev/videoN change with the devices that are plugged in.
+    """
     named = sorted(Path("/dev/v4l/by-id").glob("*index0"))
     return named or sorted(Path("/dev").glob("video[0-9]*"))
 

@@ -68,7 +68,7 @@ def device_options(verb: Verb) -> Verb:
 def open_devices(
     config: Path, emulate: bool, time_scale: float, **plan: Any
 ) -> Iterator[tuple[Settings, Emulation | None]]:
-    """Give the settings to use, and the emulation if there is one.
+    """Yield the settings to use, and the emulation if there is one.
 
     Args:
         config: Configuration file.
@@ -92,7 +92,7 @@ def open_devices(
 
 @contextmanager
 def print_notes() -> Iterator[None]:
-    """Print the notes of an error of which otherwise one sentence is shown."""
+    """Print the notes of an error, of which only one sentence would be shown otherwise."""
     try:
         yield
     except (UserError, OSError, KeyboardInterrupt) as error:
@@ -110,7 +110,7 @@ def print_rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def write_figures(path: Path | None, rows: Sequence[tuple[str, str, Any, str]]) -> None:
-    """Write (metric, group, value, unit) as the other verbs do; nothing without a file."""
+    """Write rows (metric, group, value, unit) to a file, if there is one."""
     if path is not None:
         keys = ("metric", "group", "value", "unit")
         write_json(path, [dict(zip(keys, row, strict=True)) for row in rows])

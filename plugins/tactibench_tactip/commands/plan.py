@@ -29,7 +29,7 @@ from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import read_settings
 
 MOUNT_S = 180.0
-"""Time in which a hand mounts an indenter and finds its middle, an assumption."""
+"""Time in which a person mounts an indenter and finds its middle (assumed)."""
 MOST_ROWS = 20
 
 

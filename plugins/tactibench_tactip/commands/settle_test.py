@@ -28,14 +28,14 @@ from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
 
 TIMES_S = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
-"""Times after the move at which the change is printed."""
+"""Device seconds after the move at which the change is printed."""
 MEAN_OF = 5
 """Frames that are averaged against noise."""
 LOOK_S = 0.2
 """Host seconds between two looks at the robot while it holds the press."""
 SLOWER = 2.0
-"""Times as long as asked for that a camera may take to give the frames: one that slows down while
-it is pressed would hold the press for ever."""
+"""Factor on the expected time in which a camera must give the frames: a camera that slows down
+during the press would otherwise hold it without end."""
 
 
 @click.command("settle-test")
@@ -85,7 +85,7 @@ class Settling:
     Attributes:
         times: (N,) device seconds after the end of the move.
         change: (N,) mean absolute difference of running means to the last one, grey levels.
-        noise: Such a difference at rest.
+        noise: The same difference of two running means at rest, grey levels.
     """
 
     times: Array
@@ -93,7 +93,7 @@ class Settling:
     noise: float
 
     def change_at(self, seconds: float) -> float:
-        """Return the change nearest to a time."""
+        """Return the change at the sample nearest to a time, grey levels."""
         return float(self.change[int(np.argmin(np.abs(self.times - seconds)))])
 
     @property
@@ -106,14 +106,23 @@ class Settling:
 
 
 def held_press(settings: Settings, depth: float) -> Scene:
-    """Return the press that is held: at the apex, mm deep."""
+    """Return the press that is held: at the apex, ``depth`` mm deep."""
     return Scene(settings.indenter.indenter(), Pose(depth=depth))
 
 
 def measure_settling(station: Station, depth: float, seconds: float) -> Settling:
-    """Press at the apex, hold, and look at every frame.
+    """Press at the apex, hold the press, and return the change of its frames with time.
 
-    Raises RobotError, CameraError, and UserError as ``Station.path``.
+    Args:
+        station: An open station.
+        depth: Depth of the press, mm.
+        seconds: Device seconds for which it is held.
+
+    Raises:
+        RobotError: A move failed.
+        CameraError: The camera gives no frames, or too few.
+        StopNowError: Somebody asked to stop.
+        UserError: The press is too deep for the sensor.
     """
     settings = station.settings
     scene = held_press(settings, depth)
@@ -139,9 +148,12 @@ def measure_settling(station: Station, depth: float, seconds: float) -> Settling
 
 
 def _frames_of_held(station: Station, since_ns: int, count: int) -> list[CameraFrame]:
-    """Return ``count`` frames of a press that is held, with an eye on the robot.
+    """Return ``count`` frames of a press that is held, and check the robot meanwhile.
 
-    Raises as ``Camera.fresh`` and ``Mover.check``, and CameraError for a camera that is too slow.
+    Raises:
+        CameraError: The camera gives no frames, or is too slow.
+        StopNowError: Somebody asked to stop.
+        RobotError: The robot is not normal.
     """
     period = station.camera.period_s
     limit = SLOWER * count * period + station.settings.camera.stall_s

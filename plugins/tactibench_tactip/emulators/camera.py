@@ -20,17 +20,24 @@ from tactibench_tactip.emulators.world import Image, World
 REQUEST_S = 2.0
 """Host seconds within which a client has sent its request."""
 NOISE_FIELDS = 8
-"""Fields of noise that are drawn once; a frame takes one of them, rolled by chance."""
+"""Number of noise fields, which are drawn once; each frame takes one of them, shifted at random."""
 READ_NOISE, FULL_WELL, WHITE = 1.5, 10_000.0, 255
-"""Noise of variance read^2 + 255 / full_well * grey (EMVA 1288, linear model): read in grey levels
-rms, full well in electrons; those of a small CMOS pixel, assumed."""
+"""The noise has the variance read^2 + 255 / full_well * grey (EMVA 1288, linear model), with the
+read noise in grey levels rms and the full well in electrons. The values are assumed, as those of a
+small CMOS pixel."""
 
 
 class Picture:
     """Light, missing pins and noise that the camera adds to the sensor's image."""
 
     def __init__(self, rest: Image, noise: float, seed: int) -> None:
-        """Args: rest: (H, W) without noise. noise: times a small camera's own; 0: none."""
+        """Find the pins and draw the noise fields.
+
+        Args:
+            rest: (H, W) image of the undeformed sensor, without noise.
+            noise: Factor on the noise of a small camera; 0 gives none.
+            seed: Seed of the noise and of the choice of lost pins.
+        """
         self.brighter = 0.0
         self._rng = np.random.default_rng(seed)
         shape = (NOISE_FIELDS, *rest.shape)
@@ -42,7 +49,7 @@ class Picture:
         self._lost = np.zeros((0, 2))
 
     def lose(self, count: int) -> None:
-        """Hide so many pins more in all frames from now on."""
+        """Hide ``count`` more pins in all frames from now on."""
         left = [pin for pin in self._pins if not (self._lost == pin).all(axis=1).any()]
         picked = self._rng.permutation(len(left))[:count]
         self._lost = np.concatenate([self._lost, np.array(left)[picked].reshape(-1, 2)])
@@ -52,7 +59,12 @@ class Picture:
         self.brighter, self._lost = 0.0, np.zeros((0, 2))
 
     def frame(self, image: Image, black: bool = False) -> Image:
-        """Return one frame, (H, W) uint8, with noise of its own."""
+        """Return one frame, (H, W) uint8, with noise of its own.
+
+        Args:
+            image: (H, W) image of the sensor, without noise.
+            black: Whether the frame shows noise alone.
+        """
         frame = np.zeros_like(image) if black else image
         if len(self._lost) and not black:
             frame = _without_pins(frame, self._lost)
@@ -68,10 +80,19 @@ class Picture:
 class CameraEmulator(Device):
     """Streams frames for ``cv2.VideoCapture(url, cv2.CAP_FFMPEG)``.
 
-    Frames come at ``fps`` of the host's clock, whatever the time scale, each showing the moment at
-    which it is sent. They are a YUV4MPEG2 stream of gray frames, of which FFmpeg gives back the
-    very bytes. A client that does not read finds old frames waiting, as with a real camera; a
-    stream has no exposure or focus to set. Raises UserError for a value that is not allowed.
+    Each frame shows the moment at which it is sent. The frames are a YUV4MPEG2 stream of gray
+    images, from which FFmpeg returns exactly the same bytes. A client that does not read finds old
+    frames waiting, as with a real camera; a stream has no exposure or focus to set.
+
+    Args:
+        world: The world to show.
+        fps: Frames a second of the host's clock, whatever the time scale.
+        noise: Factor on the noise of a small camera; 0 gives none.
+        seed: Seed of the noise.
+
+    Raises:
+        UserError: The rate is not above 0 and at most 1000, the noise is negative, or the sensor
+            shows colours.
     """
 
     def __init__(
@@ -103,15 +124,15 @@ class CameraEmulator(Device):
 
     @property
     def url(self) -> str:
-        """Known once it has started; the port stays when it starts again."""
+        """Address of the stream, known after the first start; later starts keep the port."""
         return f"http://127.0.0.1:{self._port}/frame.y4m"
 
     def start(self) -> None:
-        """Listen."""
+        """Listen for clients."""
         self._port = self.listen("127.0.0.1", self._port, self._talk)
 
     def frame(self) -> Image:
-        """Return the frame of this moment, (H, W) uint8."""
+        """Return the frame of the present moment, (H, W) uint8."""
         with self.world.lock:
             now = self.world.advance()
             active = {kind for kind, until in self._until.items() if now < until}
@@ -126,7 +147,7 @@ class CameraEmulator(Device):
             self._send_frames(client)
 
     def _read_request(self, client: socket.socket) -> bool:
-        """True for a whole GET request."""
+        """Return whether a complete GET request was read."""
         client.settimeout(REQUEST_S)
         data = b""
         while b"\r\n\r\n" not in data and len(data) < 65536:
@@ -179,7 +200,10 @@ def _as_grey(values: npt.NDArray[Any]) -> Image:
 
 
 def _find_pins(image: Image) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
-    """Labels (H, W) and centres (N, 2) px of the blobs: the rarer side of Otsu's threshold."""
+    """Return labels (H, W) and centres (N, 2), px, of the blobs.
+
+    Blobs are on the rarer side of Otsu's threshold.
+    """
     import cv2  # the commands of this plugin start without it
 
     _, mask = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
@@ -190,7 +214,7 @@ def _find_pins(image: Image) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.floa
 
 
 def _without_pins(image: Image, places: npt.NDArray[np.float64]) -> Image:
-    """The image without the blob that is nearest to every place, each taken once."""
+    """Return the image without the blobs nearest to places (N, 2), px; each is taken once."""
     labels, centres = _find_pins(image)
     gone = np.zeros(labels.shape, dtype=np.uint8)
     free = np.ones(len(centres), dtype=bool)

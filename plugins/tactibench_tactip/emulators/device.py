@@ -16,15 +16,15 @@ from typing import Self
 from tactibench import UserError
 
 DEADLINE_S = 5.0
-"""Host seconds within which a device has stopped."""
+"""Host seconds within which a thread of a stopped device must end."""
 IDLE_S = 0.02
-"""Host seconds between two looks at whether to stop."""
+"""Host seconds between two checks whether to stop."""
 Talk = Callable[[socket.socket], None]
-"""Serves one connection until it ends; OSError and ValueError end it, too."""
+"""A function that serves one connection until it ends; OSError and ValueError end it, too."""
 
 
 class Device(ABC):
-    """A device on sockets, to ``start`` and ``stop``; both may be called again."""
+    """A device that serves sockets; ``start`` and ``stop`` may be called repeatedly."""
 
     def __init__(self) -> None:
         self.stopping = Event()
@@ -44,7 +44,11 @@ class Device(ABC):
         """Open the device."""
 
     def stop(self) -> None:
-        """Close and join the threads. Raises RuntimeError where one does not end."""
+        """Close the device and join its threads.
+
+        Raises:
+            RuntimeError: A thread does not end within DEADLINE_S.
+        """
         self.stopping.set()
         self.close()
         for thread in self._threads:
@@ -56,7 +60,7 @@ class Device(ABC):
             raise RuntimeError(f"threads did not end within {DEADLINE_S:g} s: {', '.join(left)}")
 
     def close(self) -> None:
-        """Close every server and connection, so that their threads come to an end."""
+        """Close every server and connection, so that their threads end."""
         for server in self._servers:
             server.close()
         self._servers.clear()
@@ -70,9 +74,15 @@ class Device(ABC):
         thread.start()
 
     def listen(self, host: str, port: int, talk: Talk) -> int:
-        """Serve every connection to a port on a thread of its own; return the port's number.
+        """Serve each connection to a port on its own thread, and return the port's number.
 
-        Raises OSError for a port that is taken. port: 0 takes any that is free.
+        Args:
+            host: Address to listen on.
+            port: Number of the port; 0 takes any free one.
+            talk: Function that serves one connection.
+
+        Raises:
+            OSError: The port cannot be opened, for instance because it is taken.
         """
         server = socket.create_server((host, port))
         self._servers.append(server)
@@ -81,7 +91,7 @@ class Device(ABC):
         return number
 
     def hang_up(self, *ports: int) -> None:
-        """Shut the connections to these ports down, or all; their threads see the end."""
+        """Shut down the connections to these ports, or all where none is named."""
         for client, port in list(self._clients.items()):
             if not ports or port in ports:
                 with suppress(OSError):
@@ -141,8 +151,8 @@ FAULTS = MappingProxyType(
         "pin-loss": "from now on ``value`` pins are missing (default 5)",
     }
 )
-"""Name -> what happens; seconds are the world's. A full disk is no device's fault: the tests of a
-collection have it."""
+"""Name -> effect; seconds are of the world's clock. A full disk is no fault of a device: the tests
+of a collection cover it."""
 DEFAULTS = MappingProxyType(
     {
         "unlock-refused": 3.0,
@@ -157,15 +167,23 @@ DEFAULTS = MappingProxyType(
         "pin-loss": 5.0,
     }
 )
-"""Values of faults that have one, where none is given."""
+"""Fault -> its value where none is given, for the faults that have a value."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault, at press ``press`` (from 1) as it passes ``depth_mm`` going down, else at once.
+    """A fault that happens during a press, or at once.
 
-    A press that stays shallower does not trigger it. The default depth is reached by every press of
-    the protocols. value: as FAULTS says; None: that of DEFAULTS.
+    Attributes:
+        kind: Name of the fault, a key of FAULTS.
+        press: Number of the press at which it happens, from 1; None: at once.
+        depth_mm: Depth at which it happens on the way down. A shallower press does not trigger it.
+            Every press of the protocols reaches the default depth.
+        value: Value of the fault, see FAULTS; None: that of DEFAULTS.
+
+    Raises:
+        UserError: There is no such fault, its press is below 1, or its depth at a press is not
+            above 0 mm.
     """
 
     kind: str
@@ -190,9 +208,13 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultEvent:
-    """A fault that happened at ``at_s`` of the world, at press number ``press``.
+    """A fault that happened.
 
-    handled: Whether a device of this world acts on it.
+    Attributes:
+        fault: The fault.
+        at_s: Time of the world, s.
+        press: Number of the latest press that had begun; 0 before the first.
+        handled: Whether a device of this world acts on it.
     """
 
     fault: Fault

@@ -12,16 +12,22 @@ from tactibench_tactip.emulators.grbl_firmware import Controller
 from tactibench_tactip.emulators.world import World
 
 BUSY_S, BOOT_S = 0.004, 0.1
-"""Host seconds: between looks at the clock while it moves, and from opening the port to the banner
-(a real Arduino takes up to 2 s)."""
+"""Host seconds between two looks at the clock while the stage moves, and from the opening of the
+port to the banner (a real Arduino takes up to 2 s)."""
 
 
 class GrblEmulator(Device):
     """A GRBL controller behind a socket; ``port`` is for ``serial.serial_for_url``.
 
-    settings: {"$20": 1.0, ...} over the defaults. Opening the port resets it, as the line DTR does
-    on an Arduino: it is then unhomed, and in Alarm where $22=1. Raises UserError for an unknown
-    setting.
+    Opening the port resets the controller, as the line DTR does on an Arduino: it is then unhomed,
+    and in Alarm where $22=1.
+
+    Args:
+        world: The world in which the stage moves.
+        settings: Settings that differ from the defaults, such as {"$20": 1.0}.
+
+    Raises:
+        UserError: A setting is unknown.
     """
 
     def __init__(self, world: World, settings: Mapping[str, float] | None = None) -> None:
@@ -45,7 +51,7 @@ class GrblEmulator(Device):
 
     @property
     def port(self) -> str:
-        """Known once it has started; it stays when it starts again."""
+        """Address of the port, known after the first start; later starts keep it."""
         return f"socket://127.0.0.1:{self._number}"
 
     def start(self) -> None:
@@ -53,18 +59,18 @@ class GrblEmulator(Device):
         self._number = self.listen("127.0.0.1", self._number, self._talk)
 
     def plug(self) -> None:
-        """Plug it in again, under the same name."""
+        """Plug the port in again, under the same name."""
         self.stop()
         self.start()
 
     def close(self) -> None:
-        """Stop the stage: its controller has no power."""
+        """Close the port and stop the stage, whose controller loses its power."""
         super().close()
         with self.world.lock:
             self.world.follow(self.world.advance())
 
     def _talk(self, client: socket.socket) -> None:
-        """Serve one client until it closes the port; another waits for it."""
+        """Serve one client until it closes the port; another client waits until then."""
         with self._port_lock:
             self.stopping.wait(BOOT_S)
             with self.world.lock:
@@ -82,7 +88,7 @@ class GrblEmulator(Device):
                 client.sendall(out)
 
     def _stop_with(self, alarm: int, t: float) -> None:
-        """Soft limits keep the position; a hard limit and a reset lose it."""
+        """Stop with an alarm: soft limits keep the position, a hard limit and a reset lose it."""
         controller = self.controller
         controller.t = max(controller.t, t)
         if alarm == 2:

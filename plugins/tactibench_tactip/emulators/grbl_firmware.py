@@ -1,7 +1,7 @@
 """The firmware GRBL 1.1h of a three-axis stage, as far as the driver uses it.
 
-Jogs, probing, homing, status reports, settings and alarms, word for word as the firmware answers.
-Every other line is error 20.
+It answers jogs, probing, homing, status reports, settings and alarms word for word as the firmware
+does. Other G-code is answered with error 20, other ``$`` lines with error 3.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tactibench_tactip.emulators.motion import Array, Move, inverse, matrix
 from tactibench_tactip.emulators.world import Watch, World
 
 STATEMENT, HOMING_OFF, NOT_IDLE, NO_G_CODE, JOG_TRAVEL, UNSUPPORTED = 3, 5, 8, 9, 15, 20
-"""Numbers of errors."""
+"""Numbers of GRBL's errors."""
 SETTINGS = {
     "$13": 0.0,
     **dict.fromkeys(("$20", "$21", "$22"), 1.0),
@@ -30,9 +30,9 @@ SETTINGS = {
 }
 """Settings of a small stage (mm, s, mm/min): limits on, 50 mm/s, 500 mm/s2, travel 200 mm."""
 CRITICAL_ALARMS = (1, 2)
-"""After these only a reset is answered."""
+"""Alarms after which only a reset is answered."""
 OFFSET_EVERY = 10
-"""Status reports between two that tell the work offset."""
+"""One in so many status reports tells the work offset."""
 LOCKED = "[MSG:'$H'|'$X' to unlock]"
 BANNER = "Grbl 1.1h ['$' for help]"
 STATE = "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"
@@ -45,15 +45,24 @@ class GcodeError(Exception):
 
 
 class Controller:
-    """Bytes in by ``receive``, bytes out by ``take``; ``step`` lets time pass.
+    """A controller that takes bytes by ``receive`` and gives bytes by ``take``.
 
-    All of it under the world's lock. Machine coordinates are the base frame of the rig once it is
-    homed, with the switches at 0 and the travel below. A reset in motion or a hard limit loses
-    steps: what it reports is wrong until it is homed again.
+    ``step`` lets time pass; every ``t`` is a time of the world, s. All methods are called under the
+    world's lock. Machine coordinates are the base frame of the rig once the stage is homed, with
+    the switches at 0 and the travel below. A reset in motion or a hard limit loses steps: the
+    reported position is then wrong until the stage is homed again.
     """
 
     def __init__(self, world: World, settings: Mapping[str, float] | None = None) -> None:
-        """Raise UserError for a setting that is none; settings: changes of SETTINGS."""
+        """Start in state Idle.
+
+        Args:
+            world: The world in which the stage moves.
+            settings: Values that replace those of SETTINGS.
+
+        Raises:
+            UserError: A setting is unknown.
+        """
         changes = dict(settings or {})
         for name in sorted(changes.keys() - SETTINGS.keys()):
             raise UserError(
@@ -93,7 +102,7 @@ class Controller:
             self._push(LOCKED)
 
     def reset(self) -> None:
-        """Do what byte 0x18 does."""
+        """Reset as byte 0x18 does; a reset in motion loses the position."""
         if self.state in {"Run", "Jog", "Home"} or (
             self.state == "Hold" and self._task is not None
         ):
@@ -105,7 +114,7 @@ class Controller:
         self._greet()
 
     def lose(self, number: int) -> None:
-        """Stop at once with an alarm; the motors miss the steps of v^2 / 2a."""
+        """Stop at once with an alarm; the motors miss the steps of a way v^2 / 2a."""
         move = self.world.move_at(self.t)
         if move is not None:
             slipped = move.speed(self.t) ** 2 / (2 * self._axes(120).min())
@@ -113,7 +122,7 @@ class Controller:
         self.alarm(number)
 
     def alarm(self, number: int) -> None:
-        """Stop, print the alarm and lock; after a critical one only a reset helps."""
+        """Stop, send the alarm and lock; after a critical alarm only a reset helps."""
         self.world.follow(self.t)
         self._push(f"ALARM:{number}")
         self.state, self._task = "Alarm", None
@@ -124,7 +133,7 @@ class Controller:
     # Bytes
 
     def receive(self, data: bytes, t: float) -> None:
-        """Take bytes: realtime ones act at once, all others wait in the buffer."""
+        """Receive bytes: realtime bytes act at once, all others wait in the buffer."""
         self.step(t)
         for byte in data:
             if byte in b"?!~\x18" or byte >= 0x80:
@@ -146,7 +155,7 @@ class Controller:
             self._cancel_jog()
 
     def hold(self) -> None:
-        """Do what a feed hold does: brake on the way; in a jog it cancels."""
+        """Hold the feed: brake on the way, or cancel a jog."""
         if self.state == "Jog":
             self._cancel_jog()
         elif self.state in {"Idle", "Run"}:
@@ -160,7 +169,7 @@ class Controller:
             self._answer(0)
 
     def take(self) -> bytes:
-        """Return what is to be sent."""
+        """Return the bytes to send, and remove them from the buffer."""
         out = "".join(self._out).encode("latin-1")
         self._out.clear()
         return out
@@ -169,7 +178,7 @@ class Controller:
         self._out.append(text + "\r\n")
 
     def _answer(self, error: int) -> None:
-        """``ok`` or ``error:N``, unless a fault takes or damages it."""
+        """Send ``ok`` or ``error:N``, unless a fault drops or damages it."""
         text = f"error:{error}" if error else "ok"
         if self.mute:
             self.mute -= 1
@@ -204,15 +213,18 @@ class Controller:
 
     @property
     def moving(self) -> bool:
-        """True while it has to be looked at often."""
+        """True while the stage moves or a line is carried out, so that ``step`` is needed often."""
         return self.state in {"Run", "Jog", "Home"} or self._task is not None
 
     def _touching(self) -> bool:
-        """True where the probe's circuit is closed; a broken one never is."""
+        """Return whether the probe's circuit is closed; that of a broken probe never is."""
         return not self.blind and self.world.depth(self.t) >= 0
 
     def _go(self, target: Array, rate: float, state: str) -> Iterator[None]:
-        """Move to (3,) machine coordinates, mm/s; yields while an earlier move goes on."""
+        """Move to machine coordinates (3,), mm, at ``rate`` mm/s.
+
+        It yields while an earlier move goes on.
+        """
         yield from self._standstill()
         steps = self._axes(100)
         way = np.round(target * steps) / steps - self.place
@@ -240,7 +252,7 @@ class Controller:
             yield
 
     def step(self, t: float) -> None:
-        """Let time pass up to t, and carry out the lines that can be."""
+        """Let time pass up to ``t``, and carry out the lines that are due."""
         self.t = max(self.t, t)
         self._come_to_rest()
         while not self._halted and self.state != "Hold":
@@ -257,7 +269,7 @@ class Controller:
             self.state = "Idle"
 
     def _next_line(self) -> bool:
-        """Begin with the next line of the buffer, if all of it is there."""
+        """Begin with the next line and return True, or False where none is complete."""
         line, end, rest = self._received.partition("\n")
         if not end:
             return False
@@ -266,7 +278,7 @@ class Controller:
         return True
 
     def _carry_out(self, line: str) -> Iterator[None]:
-        """One line to its answer; yields while it waits."""
+        """Carry out one line and answer it; yield while it waits."""
         text = "".join(character for character in line if character > " ").upper()
         try:
             if text.startswith("$J="):
@@ -296,7 +308,7 @@ class Controller:
                 self._push(line)
 
     def _home(self) -> Iterator[None]:
-        """Z first, then X and Y, to the switches at 0 and back by the pull-off."""
+        """Move to the switches at 0, Z first, then X and Y, and back by the pull-off."""
         if not self.settings["$22"]:
             raise GcodeError(HOMING_OFF)
         self.state, self._lost = "Home", np.zeros(3)
@@ -330,7 +342,7 @@ class Controller:
             yield from self._probe(self._target(codes, values), values["F"] / 60)
 
     def _probe(self, target: Array, rate: float) -> Iterator[None]:
-        """Move until the tool touches; ``[PRB:...]`` holds where that was."""
+        """Move until the tool touches, and report the place of touch as ``[PRB:...]``."""
         if not self._within(target) or self._touching():
             self.alarm(4 if self._within(target) else 2)
             return
@@ -350,7 +362,7 @@ class Controller:
         self._brake()
 
     def _target(self, codes: set[str], values: dict[str, float]) -> Array:
-        """(3,) machine coordinates of a line's axis words."""
+        """Return the machine coordinates (3,), mm, of a line's axis words."""
         axes = {k: values[axis] for k, axis in enumerate("XYZ") if axis in values}
         if not axes:
             raise GcodeError(UNSUPPORTED)
@@ -361,24 +373,28 @@ class Controller:
         return target
 
     def _setting_lines(self) -> list[str]:
-        whole = {"$13", "$20", "$21", "$22"}
+        integers = {"$13", "$20", "$21", "$22"}
         return [
-            f"{name}={value:.0f}" if name in whole else f"{name}={value:.3f}"
+            f"{name}={value:.0f}" if name in integers else f"{name}={value:.3f}"
             for name, value in self.settings.items()
         ]
 
     def _axes(self, first: int) -> Array:
-        """(3,) settings of x, y, z of a group such as 110."""
+        """Return the settings (3,) of x, y and z of a group such as 110."""
         return np.array([self.settings[f"${first + k}"] for k in range(3)])
 
     def _within(self, target: Array) -> bool:
-        """True where a target keeps to the soft limits, or they are off."""
+        """Return whether a target keeps to the soft limits, or these are off."""
         inside = bool(((target <= 1e-9) & (target >= -self._axes(130) - 1e-9)).all())
         return inside or not self.settings["$20"]
 
 
 def _parse_words(text: str) -> tuple[set[str], dict[str, float]]:
-    """The G codes of a line, and its other numbers by letter. Raises GcodeError."""
+    """Return the G codes of a line, and its other numbers by letter.
+
+    Raises:
+        GcodeError: The line holds other words than G, F, X, Y and Z, or repeats a word.
+    """
     words = _WORD.findall(text)
     codes = {f"G{float(number):g}" for letter, number in words if letter == "G"}
     values = {letter: float(number) for letter, number in words if letter in "FXYZ"}
@@ -389,11 +405,11 @@ def _parse_words(text: str) -> tuple[set[str], dict[str, float]]:
 
 
 def _along(limits: Array, unit: Array) -> float:
-    """The most along a unit vector that keeps every axis within its limit."""
+    """Return the most along a unit vector (3,) that keeps every axis within its limit (3,)."""
     used = np.abs(unit) > 1e-12
     return float((limits[used] / np.abs(unit[used])).min())
 
 
 def _format_axes(values: Array) -> str:
-    """``x,y,z`` with three decimals; no minus zero."""
+    """Return ``x,y,z`` with three decimals and without a minus zero."""
     return ",".join(f"{round(float(value), 3) + 0.0:.3f}" for value in values)

@@ -1,7 +1,7 @@
 """Poses as 4 x 4 matrices, and straight moves of the tool in time.
 
-Written apart from the drivers' own geometry: an emulator that shared it would share its mistakes,
-and agree with them.
+It is written apart from the drivers' own geometry: an emulator that shared that would share its
+mistakes, and agree with them.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Pose6 = tuple[float, float, float, float, float, float]
 
 METRE = 1000.0
 MM_PER_RADIAN = 200.0
-"""Length that a turn counts as, beside the way of the tool point: the longer of the two sets the
-time. The controllers' manuals give no figure; this is an assumption."""
+"""Length that a turn of 1 rad counts as. The longer of this and the way of the tool point sets the
+time of a move. The controllers' manuals give no figure; this is an assumption."""
 
 
 def matrix(pose: Pose6) -> Array:
@@ -55,7 +55,7 @@ def inverse(transform: Array) -> Array:
 
 
 def from_ur(pose: npt.ArrayLike) -> Array:
-    """Return the (4, 4) transform, mm, of metres and a rotation vector, rad."""
+    """Return the (4, 4) transform, mm, of a UR's pose (6,): metres and a rotation vector, rad."""
     values = np.asarray(pose, dtype=np.float64)
     transform = np.eye(4)
     transform[:3, :3] = Rotation.from_rotvec(values[3:]).as_matrix()
@@ -64,19 +64,20 @@ def from_ur(pose: npt.ArrayLike) -> Array:
 
 
 def to_ur(transform: Array) -> Array:
-    """Return (6,) metres and rotation vector of a transform in mm."""
+    """Return a UR's pose (6,), metres and a rotation vector, rad, of a (4, 4) transform, mm."""
     vector = Rotation.from_matrix(transform[:3, :3]).as_rotvec()
     return np.concatenate([transform[:3, 3] / METRE, vector])
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Way along a line against time: speed up, cruise at ``peak`` mm/s, brake to rest.
+    """The way along a line against time: speed up, cruise, brake to rest.
 
-    Args:
-        rising: seconds of speeding up from rest with ``acceleration``.
-        cruising: seconds at the peak.
-        acceleration: mm/s2, also of the braking.
+    Attributes:
+        peak: Speed of cruising, mm/s.
+        acceleration: Acceleration of speeding up and of braking, mm/s2.
+        rising: Time of speeding up from rest, s.
+        cruising: Time at the peak, s.
     """
 
     peak: float
@@ -89,6 +90,11 @@ class Profile:
         """Return the fastest way over ``length`` mm from rest to rest.
 
         Over less than v^2 / a the speed is not reached: the peak is sqrt(a L).
+
+        Args:
+            length: L, mm.
+            speed: Highest speed v, mm/s.
+            acceleration: a, mm/s2.
         """
         if length <= 0:
             return cls(0.0, acceleration)
@@ -107,7 +113,7 @@ class Profile:
         return float(self.way(np.array(self.seconds)))
 
     def way(self, t: Array) -> Array:
-        """Return mm after t s since the start, any shape."""
+        """Return the way, mm, at times ``t``, s since the start, of any shape."""
         up = np.clip(t, 0.0, self.rising)
         level = np.clip(t - self.rising, 0.0, self.cruising)
         down = np.clip(t - self.rising - self.cruising, 0.0, self.peak / self.acceleration)
@@ -119,7 +125,7 @@ class Profile:
         return result
 
     def speed(self, t: float) -> float:
-        """Return mm/s after t s; 0 before and after."""
+        """Return the speed, mm/s, at ``t`` s since the start; it is 0 before and after the way."""
         if not 0.0 <= t < self.seconds:
             return 0.0
         braking = max(0.0, t - self.rising - self.cruising)
@@ -131,9 +137,13 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A straight way between two (4, 4) poses from ``start_s`` on; the tool turns about one axis.
+    """A straight way between two poses, along which the tool turns about one axis.
 
-    A profile that ends before the line does stops there.
+    Attributes:
+        start_s: Time of the world at the start, s.
+        start: (4, 4) pose at the start of the line.
+        end: (4, 4) pose at the end of the line.
+        profile: Way along the line; the tool stops where it ends, also before the line's end.
     """
 
     start_s: float
@@ -143,18 +153,26 @@ class Move:
 
     @classmethod
     def travel(cls, t: float, start: Array, end: Array, speed: float, acceleration: float) -> Self:
-        """Return a move from rest to rest; mm/s, mm/s2."""
+        """Return a move from rest to rest.
+
+        Args:
+            t: Time of the start, s.
+            start: (4, 4) first pose.
+            end: (4, 4) last pose.
+            speed: Highest speed, mm/s.
+            acceleration: Acceleration, mm/s2.
+        """
         length = line_length(start, end)
         return cls(t, start, end, Profile.from_rest(length, speed, acceleration))
 
     @classmethod
     def rest(cls, t: float, pose: Array) -> Self:
-        """Return a tool that stands still from t on."""
+        """Return the move of a tool that stands still at a (4, 4) pose from ``t`` s on."""
         return cls(t, pose, pose, Profile(0.0, 1.0))
 
     @property
     def end_s(self) -> float:
-        """When it comes to rest, s."""
+        """Time at which the tool comes to rest, s."""
         return self.start_s + self.profile.seconds
 
     @cached_property
@@ -167,7 +185,7 @@ class Move:
         return _turn_between(self.start, self.end)
 
     def poses(self, times: Array) -> Array:
-        """Return (N, 4, 4) poses at (N,) s of the world."""
+        """Return the poses (N, 4, 4) at times (N,) of the world, s."""
         ways = self.profile.way(np.asarray(times) - self.start_s)
         # The last step lands on the end itself, whatever rounding did on the way.
         shares = np.where(ways >= self.length * (1 - 1e-12), 1.0, ways / max(self.length, 1e-300))
@@ -179,34 +197,36 @@ class Move:
         return poses
 
     def pose(self, t: float) -> Array:
-        """Return the (4, 4) pose at t s."""
+        """Return the (4, 4) pose at ``t`` s of the world."""
         pose: Array = self.poses(np.array([t]))[0]
         return pose
 
     def speed(self, t: float) -> float:
-        """Return mm/s along the line at t s."""
+        """Return the speed along the line, mm/s, at ``t`` s of the world."""
         return self.profile.speed(t - self.start_s)
 
     def braked(self, t: float, deceleration: float) -> Move:
-        """Return the move that comes to rest on the same line from t on; mm/s2.
+        """Return the move that comes to rest on the same line.
 
-        It brakes harder where the line is too short.
+        Args:
+            t: Time at which braking begins, s.
+            deceleration: Deceleration, mm/s2; it is greater where the line is too short.
         """
-        here, speed = self.pose(t), self.speed(t)
-        left = line_length(here, self.end)
+        pose, speed = self.pose(t), self.speed(t)
+        left = line_length(pose, self.end)
         if speed <= 0 or left <= 0:
-            return Move.rest(t, here)
-        return Move(t, here, self.end, Profile(speed, max(deceleration, speed**2 / (2 * left))))
+            return Move.rest(t, pose)
+        return Move(t, pose, self.end, Profile(speed, max(deceleration, speed**2 / (2 * left))))
 
 
 def line_length(start: Array, end: Array) -> float:
-    """Return mm of the tool point's way, or of the turn where that is longer."""
+    """Return the way of the tool point, mm, or the length of its turn where that is longer."""
     way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
     return max(way, float(np.linalg.norm(_turn_between(start, end))) * MM_PER_RADIAN)
 
 
 def _turn_between(start: Array, end: Array) -> Array:
-    """Rotation vector (3,), rad, zero below what rounding makes."""
+    """Return the rotation vector (3,), rad; it is zero where rounding alone turns the tool."""
     if np.array_equal(start[:3, :3], end[:3, :3]):
         return np.zeros(3)
     vector: Array = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).as_rotvec()

@@ -1,4 +1,4 @@
-"""A whole setup emulated on this machine, in a process of its own, as slow as the real thing."""
+"""A setup emulated on this machine, in a process of its own, by default in real time."""
 
 from __future__ import annotations
 
@@ -34,9 +34,13 @@ STAGE = {"$110": 6000.0, "$111": 6000.0, "$112": 6000.0}
 
 @dataclass(frozen=True)
 class HiddenOffset:
-    """The distance of the sensor from where the configuration says, which has to be found.
+    """Offset of the sensor from its place in the configuration, which has to be found.
 
-    In the work frame, mm and deg about its z.
+    Attributes:
+        x: Offset along x of the work frame, mm.
+        y: Offset along y of the work frame, mm.
+        z: Offset along z of the work frame, mm.
+        yaw: Turn about z of the work frame, deg.
     """
 
     x: float = 0.0
@@ -49,14 +53,14 @@ class HiddenOffset:
 class EmulationPlan:
     """The emulators to run.
 
-    Args:
+    Attributes:
         settings: Configuration of the setup. A robot of driver cri is emulated as a UR.
-        time_scale: Times by which everything is faster than real.
-        sensor: Name of a simulated sensor, or one that can be pickled.
-        hidden: Distance of the sensor from its place in the configuration.
+        time_scale: Factor by which everything runs faster than in real time.
+        sensor: Name of a simulated sensor, or a sensor that can be pickled.
+        hidden: Offset of the sensor from its place in the configuration.
         faults: Faults to arm.
         fps: Frames a second of the camera.
-        noise: Noise of the camera, in times a small camera's own.
+        noise: Factor on the noise of a small camera.
         robot: Further arguments of the robot's emulator.
     """
 
@@ -82,7 +86,11 @@ class Emulation:
         self._stack = ExitStack()
 
     def start(self) -> tuple[str, str]:
-        """Start the emulators; returns the addresses of robot and camera. Raises UserError."""
+        """Start the emulators and return the addresses of the robot and of the camera.
+
+        Raises:
+            UserError: The sensor cannot be built or emulated, or an emulator cannot start.
+        """
         plan, settings, enter = self._plan, self._plan.settings, self._stack.enter_context
         sensor = plan.sensor
         if isinstance(sensor, str):
@@ -104,15 +112,19 @@ class Emulation:
         return arm.host, self._camera.url
 
     def tool(self) -> Pose6:
-        """Return where the tool is now, work frame."""
+        """Return the present pose of the tool in the work frame."""
         return self._world.tool()
 
     def truth(self, at_ns: int | None = None) -> Truth:
-        """Return the state of the world now, or at a ``time.monotonic_ns`` of the latest moves."""
+        """Return the state of the world now, or at a ``time.monotonic_ns`` of the latest moves.
+
+        Raises:
+            ValueError: That moment is no longer remembered.
+        """
         return self._world.truth(at_ns)
 
     def image(self, at_ns: int | None = None) -> Image:
-        """Return the sensor, without noise, as it is now or was at a ``time.monotonic_ns``."""
+        """Return the sensor's image without noise, now or at a ``time.monotonic_ns``."""
         return self._world.image(at_ns)
 
     def presses(self) -> int:
@@ -120,7 +132,7 @@ class Emulation:
         return self._world.presses
 
     def outside(self) -> list[tuple[float, Pose6]]:
-        """Return (s, tool pose) of every time that the tool left the envelope."""
+        """Return time, s, and tool pose for every time that the tool left the envelope."""
         self._world.tool()
         return list(self._world.excursions)
 
@@ -138,11 +150,11 @@ class Emulation:
         self._world.mount(indenter)
 
     def arm(self, *faults: Fault) -> None:
-        """Arm faults; one without a press happens now."""
+        """Arm faults; a fault without a press happens now."""
         self._world.arm(*faults)
 
     def repair(self) -> None:
-        """Do what a person would after a fault: plug it in, release the button, repair the skin.
+        """Do what a person would do after a fault: plug in, release the button, repair the skin.
 
         A protective stop is left to the client.
         """
@@ -169,7 +181,12 @@ class Rehearsal:
 def rehearse(settings: Settings, **options: Any) -> Iterator[Rehearsal]:
     """Emulate all that a configuration names while the block runs.
 
-    options: Further arguments of ``EmulationPlan``. Raises UserError.
+    Args:
+        settings: Configuration of the setup.
+        options: Further arguments of ``EmulationPlan``.
+
+    Raises:
+        UserError: The process of the emulators ended, or an emulator cannot start.
     """
     plan = EmulationPlan(settings, **options)
     with _Process(ctx=multiprocessing.get_context("spawn")) as process:
@@ -183,8 +200,8 @@ def rehearse(settings: Settings, **options: Any) -> Iterator[Rehearsal]:
 class _Process(BaseManager):
     """The process of the emulators.
 
-    ur_rtde keeps Python's lock while it waits for a controller: no emulator could answer it in its
-    own process.
+    ur_rtde keeps Python's lock while it waits for a controller: no emulator in the same process
+    could answer it.
     """
 
     def __enter__(self) -> _Process:
@@ -199,7 +216,7 @@ _Process.register("emulation", Emulation)
 
 
 def _begin_process() -> None:
-    """A Ctrl-C is meant for the caller; without the caller, killed or not, nobody needs this."""
+    """Ignore Ctrl-C, which is meant for the caller, and end when the caller ends or is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, name="parent", daemon=True).start()
 
@@ -212,7 +229,7 @@ def _end_with_parent() -> None:
 
 
 def _settings_for(plan: EmulationPlan, robot: str, camera: str) -> Settings:
-    """The configuration with the emulators' addresses; a stream has nothing to set."""
+    """Return the configuration with the emulators' addresses, without what a stream cannot set."""
     settings = plan.settings
     stage = settings.robot.driver == "grbl"
     changes = {
@@ -228,7 +245,11 @@ def _settings_for(plan: EmulationPlan, robot: str, camera: str) -> Settings:
 
 
 def _free_host() -> str:
-    """A loopback address where no UR is emulated yet."""
+    """Return a loopback address on which no UR is emulated yet.
+
+    Raises:
+        UserError: A UR is emulated on every address of HOSTS.
+    """
     for host in HOSTS:
         try:
             with socket.create_server((host, DASHBOARD)):

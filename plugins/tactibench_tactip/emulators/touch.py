@@ -12,14 +12,14 @@ from tactibench.geometry import true_contacts
 from tactibench_tactip.emulators.motion import Array, Pose6, inverse, matrix, pose6
 
 _UPRIGHT = 1.0 - 1e-10
-"""Cosine of a tilt that is rounding."""
+"""Cosine above which a tilt is only rounding."""
 
 
 @dataclass(frozen=True)
 class Rig:
     """The true geometry of a setup, which a collection has to measure.
 
-    Args:
+    Attributes:
         work_frame: Pose of the work frame in the robot's base, or in machine coordinates of a
             stage.
         sensor_frame: Pose of the sensor in the work frame: origin at the undeformed apex, z out of
@@ -28,7 +28,8 @@ class Rig:
         indenter: The indenter. Its tips lie at (dx, -dy, dz) in the tool frame, dz towards the
             sensor. The tool point is the foremost point of a tip with dz = 0, or a plate's centre.
         start: Pose of the tool at the beginning, in the work frame.
-        stiffness_n_per_mm: Stiffness of the sensor under each tip; it makes the force on a robot.
+        stiffness_n_per_mm: Stiffness of the sensor under each tip, which gives the force on a
+            robot.
     """
 
     work_frame: Pose6 = (109.1, -487.0, 341.3, 180.0, 0.0, -90.0)
@@ -42,12 +43,12 @@ class Rig:
 class Truth:
     """The state of the world at one moment.
 
-    Args:
+    Attributes:
         tool: Pose of the tool in the work frame.
         depth_mm: Travel of the deepest tip past its own first touch; negative: the gap along z.
         contacts: Contacts in the sensor frame.
         scene: Scene that the sensor shows; None: nothing touches.
-        force_n: Force along the work frame's z, pushing the tool away.
+        force_n: Force along the work frame's z that pushes the tool away.
     """
 
     tool: Pose6
@@ -58,17 +59,22 @@ class Truth:
 
 
 class Touch:
-    """Contact of a rig's tool with a dome (radius mm; inf: a flat pad)."""
+    """Contact of a rig's tool with a dome.
+
+    Args:
+        rig: Geometry of the setup.
+        dome_radius: Radius of the dome, mm; inf: a flat pad.
+    """
 
     def __init__(self, rig: Rig, dome_radius: float) -> None:
         self.rig, self.dome_radius = rig, dome_radius
         self._to_sensor = inverse(matrix(rig.sensor_frame))
 
     def depths(self, tools: Array) -> Array:
-        """Return (N, K) travel of every tip past its first touch for (N, 4, 4) tools, mm.
+        """Return the travel (N, K) of every tip past its first touch, mm, for tools (N, 4, 4).
 
-        Negative: a gap; -inf: the tip's axis passes beside the dome. With its centre at (rho, z)
-        from the dome's, a tip touches at sqrt((R_d + R)^2 - rho^2). A plate's depth is
+        A negative value is a gap; -inf: the tip's axis passes beside the dome. With its centre at
+        (rho, z) from the dome's, a tip touches at z = sqrt((R_d + R)^2 - rho^2). A plate's depth is
         R_d - n (p - O) along its normal n.
         """
         seen = self._to_sensor @ tools
@@ -87,7 +93,7 @@ class Touch:
         return np.where(square > 0, depth, -np.inf)
 
     def forces(self, depths: Array) -> Array:
-        """Return (N,) N of (N, K) depths: a spring under every tip."""
+        """Return the forces (N,), newton, of depths (N, K), mm: every tip is on a spring."""
         force: Array = self.rig.stiffness_n_per_mm * np.maximum(depths, 0.0).sum(axis=1)
         return force
 
@@ -105,7 +111,10 @@ class Touch:
         return Truth(pose6(tool), depth, contacts, scene, float(self.forces(depths)[0]))
 
     def _centres(self, seen: Array) -> Array:
-        """(N, K, 3) of the tips in the sensor frame: (dx, -dy, dz - R) in the tool's."""
+        """Return the centres (N, K, 3) of the tips in the sensor frame, mm.
+
+        In the tool frame they are (dx, -dy, dz - R).
+        """
         offsets = np.array(self.rig.indenter.offsets) * [1.0, -1.0, 1.0]
         offsets[:, 2] -= self.rig.indenter.radius
         centres: Array = offsets @ seen[:, :3, :3].transpose(0, 2, 1) + seen[:, None, :3, 3]

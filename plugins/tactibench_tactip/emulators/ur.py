@@ -24,7 +24,7 @@ from tactibench_tactip.emulators.world import World
 
 RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
 TICK_S = 0.005
-"""Host seconds between two turns of the program where no client looks at it."""
+"""Host seconds between two turns of the program; an RTDE client makes it turn in between."""
 MOST_HZ = 500.0
 SCRIPT_END = re.compile(r"(?m)^end[ \t]*\r?\n")
 CONTROL_VERSION = (5, 12, 2, 1101534)
@@ -55,7 +55,7 @@ OUTPUTS: dict[str, tuple[str, Callable[[Controller], Any]]] = {
     "target_speed_fraction": ("DOUBLE", lambda c: c.slider),
     **{f"output_double_register_{k}": ("DOUBLE", partial(_out_double, k)) for k in range(6)},
 }
-"""Fields that ur_rtde asks for -> type, how to get the value."""
+"""Field that ur_rtde asks for -> its type, and the function that returns its value."""
 INPUTS = {
     **{f"input_int_register_{k}": "INT32" for k in range(8)},
     **{f"input_double_register_{k}": "DOUBLE" for k in range(18)},
@@ -66,14 +66,21 @@ HEADER = struct.Struct(">HB")
 
 
 def package(kind: str, payload: bytes, wrong_by: int = 0) -> bytes:
-    """Return an RTDE package; wrong_by: added to its length by a fault."""
+    """Return an RTDE package.
+
+    Args:
+        kind: Letter of the package's type.
+        payload: Bytes after the header.
+        wrong_by: Number that a fault adds to the length in the header.
+    """
     return HEADER.pack(HEADER.size + len(payload) + wrong_by, ord(kind)) + payload
 
 
 def split_packages(data: bytes) -> tuple[list[tuple[str, bytes]], bytes]:
-    """Return (kind, payload) of the whole packages of a stream, and the bytes that are left.
+    """Return (kind, payload) of the complete packages of a stream, and the bytes that are left.
 
-    Raises ValueError for a length that cannot be.
+    Raises:
+        ValueError: A package gives a length shorter than its header.
     """
     packages = []
     while len(data) >= HEADER.size:
@@ -90,7 +97,9 @@ def split_packages(data: bytes) -> tuple[list[tuple[str, bytes]], bytes]:
 class RtdeSession:
     """One RTDE connection: the fields that it asked for, and the packages that answer.
 
-    in_use: input fields that a fieldbus holds.
+    Args:
+        controller: State of the robot.
+        in_use: Input fields that a fieldbus holds.
     """
 
     def __init__(self, controller: Controller, in_use: tuple[str, ...]) -> None:
@@ -101,7 +110,15 @@ class RtdeSession:
         self.hertz, self.streaming = 125.0, False
 
     def feed(self, data: bytes, t: float) -> bytes:
-        """Return answers to what came, in any portions. Raises ValueError where it is no RTDE."""
+        """Return the answers to bytes that come in portions of any size.
+
+        Args:
+            data: The next portion.
+            t: Time of the world, s.
+
+        Raises:
+            ValueError: A package is no RTDE, or of a type that is not emulated.
+        """
         packages, self._rest = split_packages(self._rest + data)
         try:
             return b"".join(self._answer(kind, payload, t) for kind, payload in packages)
@@ -109,7 +126,11 @@ class RtdeSession:
             raise ValueError(f"a package cannot be read: {error}") from None
 
     def sample(self, wrong_by: int = 0) -> bytes:
-        """Return a data package of this moment."""
+        """Return a data package of this moment.
+
+        Args:
+            wrong_by: Number that a fault adds to the length in the header.
+        """
         data = b"\x01"
         for name in self._outputs:
             kind, get = OUTPUTS[name]
@@ -191,13 +212,14 @@ def dashboard_answer(controller: Controller, line: str, t: float) -> str:
 class UrEmulator(Device):
     """A UR controller on a loopback address of its own (ports 30004, 30003, 29999).
 
+    ur_rtde keeps Python's lock while it waits, so the client must live in another process.
+
     Args:
+        world: The world in which the arm moves.
+        host: Loopback address.
         tool: True place of the world's tool point on the flange, mm and deg.
         in_use: Input fields that a fieldbus holds, such as "input_int_register_0".
         controller: Further arguments of ``Controller``.
-
-    ``start`` raises UserError where a port is taken. ur_rtde keeps Python's lock while it waits, so
-    the client must live in another process.
     """
 
     def __init__(
@@ -227,7 +249,11 @@ class UrEmulator(Device):
         )
 
     def start(self) -> None:
-        """Listen. Raises UserError where a port is taken."""
+        """Listen on the ports of the controller.
+
+        Raises:
+            UserError: A port cannot be opened, for instance because it is taken.
+        """
         talks = {RTDE: self._talk_rtde, SCRIPT: self._take_scripts, DASHBOARD: self._talk_dashboard}
         try:
             for port, talk in talks.items():
@@ -293,5 +319,5 @@ class UrEmulator(Device):
 
 
 def _names(payload: bytes) -> tuple[str, ...]:
-    """Comma-separated; a comma at the end is allowed, as ur_rtde sends one."""
+    """Return comma-separated names; a comma at the end is allowed, as ur_rtde sends one."""
     return tuple(name.strip() for name in payload.decode().split(",") if name.strip())

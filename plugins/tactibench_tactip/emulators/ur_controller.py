@@ -1,8 +1,8 @@
 """The state of a UR controller: arm, control program, safety, registers.
 
-The program is the script that ur_rtde 1.6.5 uploads, as it behaves: a command in an input register,
-ready and done in output registers. The commands that the driver uses are carried out; every other
-one is answered as done, with a message.
+The program behaves as the script that ur_rtde 1.6.5 uploads: an input register holds a command, an
+output register says ready or done. The commands that the driver uses are carried out; every other
+command is answered as done, with a message.
 """
 
 from __future__ import annotations
@@ -42,23 +42,27 @@ REACH_MM = 850.0
 HALT_MM_S2 = 5000.0
 """Deceleration of a stop that the controller makes itself (assumed)."""
 REBOUND_N = 1.0
-"""Growth of too great a force after an unlock that stops the arm again (assumed)."""
+"""Growth that stops the arm again where the force is already too great at an unlock (assumed)."""
 READY, DONE = 1, 2
 MOVE_L, SET_TCP, STOP_L, WATCHDOG, SAFE_POSE, STOP_SCRIPT = 3, 29, 33, 35, 36, 255
 GET_TCP = 40
 RUNNING_BIT, COUNTS = 1 << 15, 128
-"""Word of an asynchronous operation: bit 15 running, bits 16-22 writes, 24-30 operation."""
+"""Word of an asynchronous operation: bit 15 is set while it runs, bits 16-22 count the writes and
+bits 24-30 the operations, both modulo COUNTS."""
 
 
 class Controller:
-    """All that the servers of a UR share. Under the world's lock.
+    """The state that the servers of a UR share.
+
+    All methods are called under the world's lock; every ``t`` is a time of the world, s.
 
     Args:
+        world: The world in which the arm moves.
         tool: True place of the world's tool point on the flange, mm and deg. The controller
             believes the same until a client sets another TCP.
-        remote: False: the pendant is in local mode.
+        remote: Whether the pendant is in remote control; otherwise it is in local mode.
         stop_force_n: Force at which it stops protectively.
-        unlock_delay_s: Seconds of the world during which an unlock is refused.
+        unlock_delay_s: Seconds of the world after a protective stop in which an unlock is refused.
         host: Clock of the host, s, by which the watchdog goes.
     """
 
@@ -109,18 +113,24 @@ class Controller:
         return (self.robot_mode == RUNNING) | (self.runtime_state == PLAYING) << 1
 
     def pose(self) -> Array:
-        """Return (6,) of the TCP in the base frame, m and rotation vector."""
+        """Return the pose (6,) of the TCP in the base frame, m and a rotation vector, rad."""
         return to_ur(self._base @ self.world.pose_at(self.t) @ inverse(self._tool) @ self._tcp)
 
     def force(self) -> Array:
-        """Return (6,) N on the TCP in the base frame, away from the sensor; no torques."""
+        """Return the force (6,) on the TCP in the base frame, N, away from the sensor.
+
+        The torques are 0.
+        """
         away = (self._base @ matrix(self.world.rig.sensor_frame))[:3, 2]
         return np.concatenate([away * self.world.force(self.t), np.zeros(3)])
 
     # Program
 
     def load(self, text: str, t: float) -> None:
-        """Run a script that came over the wire; what runs is ended."""
+        """Run a script that a client sent, and end the program that runs.
+
+        A script is refused in local mode and where the safety status is not normal.
+        """
         if not self.remote or self.safety != "NORMAL":
             reason = self.safety if self.remote else "local control"
             self.messages.append(f"a script was refused: {reason}")
@@ -141,13 +151,13 @@ class Controller:
         self.runtime_state = STOPPED
 
     def written(self, names: Sequence[str], t: float) -> None:
-        """Take note that input registers were written: it feeds the watchdog, the loop looks."""
+        """Note that input registers were written: feed the watchdog, and let the program go on."""
         if "input_int_register_0" in names:
             self._fed_at = self._host()
         self.step(t)
 
     def step(self, t: float) -> None:
-        """Let the program go on; it is t now."""
+        """Let the program go on at time ``t``."""
         self.t = t
         if self.runtime_state != PLAYING:
             return
@@ -160,7 +170,7 @@ class Controller:
         self._turn(int(self.inputs.get("input_int_register_0", 0)))
 
     def _turn(self, command: int) -> None:
-        """One turn of the script's loop."""
+        """Run one turn of the script's loop."""
         if command == STOP_SCRIPT:
             self.end_program(self.t)
         elif command == 0:
@@ -192,12 +202,17 @@ class Controller:
             self.messages.append(f"command {command} is not emulated; nothing happens")
 
     def _reals(self, first: int, count: int) -> list[float]:
-        """Double input registers."""
+        """Return ``count`` double input registers from number ``first`` on."""
         names = [f"input_double_register_{first + k}" for k in range(count)]
         return [float(self.inputs.get(name, 0.0)) for name in names]
 
     def _move(self, pose: Sequence[float], limits: Sequence[float]) -> None:
-        """A straight way to a TCP pose at m/s, m/s2; what moves is braked first."""
+        """Move straight to a pose of the TCP; a present move is braked first.
+
+        Args:
+            pose: (6,) m and a rotation vector, rad.
+            limits: Speed, m/s, and acceleration, m/s2.
+        """
         speed, acceleration = limits[0] * METRE, limits[1] * METRE
         moves = []
         start, now = self.world.pose_at(self.t), self.world.move_at(self.t)
@@ -210,7 +225,7 @@ class Controller:
         self.world.follow(self.t, *moves, Move.travel(begin, start, end, speed, acceleration))
 
     def _tell_operation(self, *, running: bool) -> None:
-        """Write the word of the asynchronous operation: a new one began, or it ended."""
+        """Write the word of the asynchronous operation: a new one runs, or the last one ended."""
         self._writes = (self._writes + 1) % COUNTS
         self._operation = (self._operation + running) % COUNTS
         word = self._writes << 16 | self._operation << 24
@@ -220,27 +235,27 @@ class Controller:
     # Safety
 
     def protective_stop(self, t: float) -> None:
-        """Brake, end the program, wait for somebody to unlock."""
+        """Brake and end the program; the stop lasts until an unlock."""
         if self.safety == "NORMAL":
             self.end_program(t)
             self.safety, self._stopped_at = "PROTECTIVE_STOP", t
 
     def emergency_stop(self, t: float) -> None:
-        """Stop as the red button does; it stays."""
+        """Stop as the red button does; only ``repair`` ends this stop."""
         self.end_program(t)
         self.safety, self.robot_mode = "ROBOT_EMERGENCY_STOP", POWER_OFF
 
     def refuse_unlocks(self, count: float) -> None:
-        """Refuse so many more unlocks, whatever the delay."""
+        """Refuse ``count`` more unlocks, whatever the delay."""
         self.refusals += int(count)
 
     def repair(self) -> None:
-        """Release whatever button was pressed and switch the arm on again."""
+        """Release the buttons and switch the arm on again."""
         self.safety, self.robot_mode = "NORMAL", RUNNING
         self._watch_force()
 
     def unlock(self, t: float) -> bool:
-        """Leave a protective stop; returns False where that is refused."""
+        """Leave a protective stop; return False where that is refused."""
         if self.safety == "PROTECTIVE_STOP" and t - self._stopped_at < self._unlock_delay:
             return False
         if self.refusals > 0:

@@ -1,7 +1,7 @@
 """The world that the emulators share: a tool over a simulated sensor, in time.
 
-Nothing ticks. Motion up to now is worked out, in the order of the world's time, whenever somebody
-asks or a device looks.
+Nothing runs in the background: motion up to now is computed, in the order of the world's time,
+whenever a device or another caller asks.
 """
 
 from __future__ import annotations
@@ -27,19 +27,24 @@ from tactibench_tactip.emulators.touch import Rig, Touch, Truth
 
 Image = npt.NDArray[np.uint8]
 FaultHandler = Callable[[Fault, float], None]
-"""Takes a fault and the second of the world at which it happens."""
+"""A function of a fault and of the time of the world, s, at which it happens."""
 
 SAMPLE_S = 1e-3
-"""Between two looks along a move. A curve of 500 mm/s2 leaves its chord by a t^2 / 8 = 0.06
-micrometres between them."""
+"""Time between two samples of a move. Between them, a curve of 500 mm/s2 leaves its chord by
+a t^2 / 8 = 0.06 micrometres."""
 PRESS_DEPTH_MM = 0.4
-"""Deeper than this from touch to release is a press; a search for first touch stays above it."""
+"""A contact that gets deeper than this is a press; a search for first touch stays shallower."""
 MOVES, PRESSES, EXCURSIONS, IMAGES = 4096, 16384, 1000, 64
-"""Limits of what is remembered, so that long collections do not grow."""
+"""Numbers of moves, presses, exits from the envelope and images that are remembered at most, so
+that memory does not grow in long collections."""
 
 
 class Clock:
-    """Seconds of the world since it was made; they pass ``scale`` times as fast as the host's."""
+    """The clock of the world, which runs ``scale`` times as fast as the host's.
+
+    Raises:
+        UserError: The scale is not above 0 and at most 1000.
+    """
 
     def __init__(self, scale: float = 1.0) -> None:
         if not (math.isfinite(scale) and 0 < scale <= 1000):
@@ -48,20 +53,26 @@ class Clock:
         self._start = time.monotonic_ns()
 
     def now(self) -> float:
-        """Return seconds of the world, now."""
+        """Return the present time of the world, s since the clock was made."""
         return self.at(time.monotonic_ns())
 
     def at(self, monotonic_ns: int) -> float:
-        """Return seconds of the world at a reading of ``time.monotonic_ns``."""
+        """Return the time of the world, s, at a reading of ``time.monotonic_ns``."""
         return (monotonic_ns - self._start) * 1e-9 * self.scale
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """A box of the work frame in which the tool point must stay, mm, and its greatest tilt, deg.
+    """A box of the work frame in which the tool point must stay, and its greatest tilt.
 
-    Written apart from the drivers' own check, so that one can find a mistake of the other.
-    slack_mm: what rounding may add.
+    It is written apart from the drivers' own check, so that one can find a mistake of the other.
+
+    Attributes:
+        x: Least and greatest x, mm.
+        y: Least and greatest y, mm.
+        z: Least and greatest z, mm.
+        tilt: Greatest tilt against the work frame's z, deg.
+        slack_mm: Distance outside the box that rounding may cause.
     """
 
     x: tuple[float, float] = (-20.0, 20.0)
@@ -71,7 +82,7 @@ class Envelope:
     slack_mm: float = 1e-3
 
     def holds(self, poses: Array) -> npt.NDArray[np.bool_]:
-        """Return (N,) whether (N, 4, 4) poses in the work frame lie inside."""
+        """Return (N,) whether each of the poses (N, 4, 4) in the work frame lies inside."""
         low, high = np.transpose([self.x, self.y, self.z])
         places = poses[:, :3, 3]
         inside = (places >= low - self.slack_mm) & (places <= high + self.slack_mm)
@@ -82,7 +93,14 @@ class Envelope:
 
 @dataclass(frozen=True)
 class Watch:
-    """A callback for the moment at which the depth (mm) or the force (N) passes a value."""
+    """A callback for the moment at which the depth or the force passes a value.
+
+    Attributes:
+        quantity: "depth" or "force".
+        value: Value to pass, mm or N.
+        notify: Function that is called with the time of the world, s.
+        falling: Whether the value is passed downwards.
+    """
 
     quantity: str
     value: float
@@ -90,7 +108,12 @@ class Watch:
     falling: bool = False
 
     def crossing(self, times: Array, values: Array) -> float | None:
-        """Return the first time at which sampled values pass the level, None: they do not."""
+        """Return the first time at which values pass the level; None: they do not.
+
+        Args:
+            times: (N,) times, s.
+            values: (N,) depths or forces at these times.
+        """
         with np.errstate(invalid="ignore"):  # beside the dome the depth is minus infinity
             above = (values - self.value) * (-1.0 if self.falling else 1.0)
             passed = np.flatnonzero((above[1:] >= 0) & ~(above[:-1] >= 0))
@@ -103,10 +126,18 @@ class Watch:
 
 
 def simulated(name: str = "tactip-127", *, seed: int = 0, **parameters: Any) -> Sensor:
-    """Return the sensor of that name, of whichever installed plugin.
+    """Return a sensor of any installed plugin, without its own noise.
 
-    Its own noise is switched off where it has a parameter ``noise``: the emulated camera adds noise
-    to every frame. Raises UserError as the plugin host does.
+    The noise is switched off where the sensor has a parameter ``noise``: the emulated camera adds
+    noise to every frame.
+
+    Args:
+        name: Name of the sensor.
+        seed: Seed of the sensor.
+        parameters: Parameters of the sensor.
+
+    Raises:
+        UserError: The sensor or a parameter is unknown, or a value is not allowed.
     """
     given = {key: str(value) for key, value in parameters.items()}
     context = SensorContext(np.random.SeedSequence(seed))
@@ -114,14 +145,16 @@ def simulated(name: str = "tactip-127", *, seed: int = 0, **parameters: Any) -> 
 
 
 class World:
-    """A tool that moves over a sensor. Thread-safe.
+    """A tool that moves over a sensor; it may be used from several threads.
 
     Attributes:
-        clock, rig: as given.
-        lock: held by whoever changes something.
-        rest: (H, W) uint8, the undeformed sensor without noise.
-        excursions: (s, tool pose) of every time that the tool left the envelope.
-        depths: mm of the presses that ended.
+        clock: The clock of the world.
+        rig: The true geometry of the setup.
+        lock: Lock that is held by every caller that changes the world.
+        rest: (H, W) uint8 image of the undeformed sensor, without noise.
+        excursions: Time, s, and tool pose for every time that the tool left the envelope.
+        depths: Greatest depth of each press that ended, mm.
+        fired: The faults that happened, in order.
     """
 
     def __init__(
@@ -133,7 +166,15 @@ class World:
         faults: Iterable[Fault] = (),
         clock: Clock | None = None,
     ) -> None:
-        """Envelope None: the tool may go anywhere."""
+        """Place the tool at the start of the rig and arm the faults.
+
+        Args:
+            sensor: An open sensor with a camera.
+            rig: Geometry of the setup; None: the default one.
+            envelope: Envelope that the tool should not leave; None: the tool may go anywhere.
+            faults: Faults to arm.
+            clock: Clock of the world; None: one in real time.
+        """
         self.lock = RLock()
         self.clock = clock or Clock()
         self.rig = rig or Rig()
@@ -170,29 +211,30 @@ class World:
             return self._begun
 
     def tool(self) -> Pose6:
-        """Return where the tool is now, work frame."""
+        """Return the present pose of the tool in the work frame."""
         return pose6(self._pose_now())
 
     def truth(self, at_ns: int | None = None) -> Truth:
         """Return the state of the world now, or at a ``time.monotonic_ns``.
 
-        Raises ValueError for a moment that is no longer kept.
+        Raises:
+            ValueError: That moment is no longer remembered.
         """
         return self._touch.truth(self._pose_now(at_ns))
 
     def image(self, at_ns: int | None = None) -> Image:
-        """Return (H, W) or (H, W, 3): the sensor as it is pressed, without noise; read-only.
+        """Return the read-only image (H, W) or (H, W, 3) of the sensor, without noise.
 
-        Deeper or steeper than the sensor can be pressed it shows the deepest press that it can.
+        Where a press is deeper or steeper than the sensor allows, it is drawn less deep.
         """
         return self._image_of(self.truth(at_ns).scene)
 
     def image_at(self, t: float) -> Image:
-        """Return the image, as ``image``, at t s of the world."""
+        """Return the image, as ``image`` does, at ``t`` s of the world."""
         return self._image_of(self._touch.truth(self.pose_at(t)).scene)
 
     def _image_of(self, scene: Scene | None) -> Image:
-        """Poses are rounded to a micrometre, so that a held press is drawn once."""
+        """Return the image of a scene; poses are rounded, so that a held press is drawn once."""
         if scene is None:
             return self.rest
         key = _rounded(scene)
@@ -220,7 +262,7 @@ class World:
             self._envelope, self._inside = envelope, True
 
     def arm(self, *faults: Fault) -> None:
-        """Arm faults; one without a press happens now."""
+        """Arm faults; a fault without a press happens now."""
         with self.lock:
             now = self.advance()
             for fault in faults:
@@ -232,7 +274,7 @@ class World:
                         self._watch_faults()
 
     def on_fault(self, handlers: Mapping[str, FaultHandler]) -> None:
-        """Have a device act on faults, by their kind."""
+        """Add handlers of a device: kind of a fault -> function that acts on it."""
         with self.lock:
             for kind, handler in handlers.items():
                 self._handlers.setdefault(kind, []).append(handler)
@@ -240,26 +282,35 @@ class World:
     # Motion, for the devices; all of it under ``lock``
 
     def pose_at(self, t: float) -> Array:
-        """Return the (4, 4) tool pose in the work frame at t s, which may lie ahead."""
+        """Return the (4, 4) tool pose in the work frame at ``t`` s, which may lie in the future.
+
+        Raises:
+            ValueError: That moment is no longer remembered.
+        """
         for move in reversed(self._moves):
             if move.start_s <= t:
                 return move.end if math.isinf(move.start_s) else move.pose(t)
         raise ValueError(f"where the tool was at {t:.3f} s is no longer kept")
 
     def move_at(self, t: float) -> Move | None:
-        """Return the move that is made at t s; None: the tool stands still."""
+        """Return the move that is made at ``t`` s; None: the tool stands still."""
         move = next((m for m in reversed(self._moves) if m.start_s <= t), None)
         return move if move is not None and t < move.end_s else None
 
     def follow(self, t: float, *moves: Move) -> None:
-        """Make moves from t s on instead of what was planned; with none, stop at once."""
-        here = self.pose_at(t)
+        """Replace the planned motion by moves from ``t`` s on; without a move, stop at once."""
+        pose = self.pose_at(t)
         while self._moves[-1].start_s >= t:
             self._moves.pop()
-        self._moves.extend(moves or [Move.rest(t, here)])
+        self._moves.extend(moves or [Move.rest(t, pose)])
 
     def brake(self, t: float, deceleration: float) -> float:
-        """Come to rest on the line that is followed, mm/s2; returns when, s."""
+        """Brake to rest on the present line; return the time at which all motion ends, s.
+
+        Args:
+            t: Time at which braking begins, s.
+            deceleration: Deceleration, mm/s2.
+        """
         move = self.move_at(t)
         if move is not None:
             self.follow(t, move.braked(t, deceleration))
@@ -267,30 +318,30 @@ class World:
 
     @property
     def still_s(self) -> float:
-        """When the planned motion ends, s."""
+        """Time at which the planned motion ends, s."""
         end = self._moves[-1].end_s
         return 0.0 if math.isinf(end) else end
 
     def depth(self, t: float) -> float:
-        """Return mm of the deepest tip at t s; negative: a gap."""
+        """Return the depth of the deepest tip at ``t`` s, mm; a negative depth is a gap."""
         return float(self._touch.depths(self.pose_at(t)[None]).max())
 
     def force(self, t: float) -> float:
-        """Return N at t s."""
+        """Return the force at ``t`` s, N."""
         return float(self._touch.forces(self._touch.depths(self.pose_at(t)[None]))[0])
 
     def watch(self, watch: Watch) -> int:
-        """Call back when a level is passed, once. Returns a number for ``forget``."""
+        """Call back once when a level is passed; return a number for ``forget``."""
         number = next(self._numbers)
         self._watches[number] = watch
         return number
 
     def forget(self, number: int) -> None:
-        """Drop a watch; one that was called is dropped already."""
+        """Drop a watch; a watch that was called is dropped already."""
         self._watches.pop(number, None)
 
     def advance(self) -> float:
-        """Work out all that happened up to now, in order; returns now, s."""
+        """Compute all that happened up to now, in order; return the present time, s."""
         with self.lock:
             now = self.clock.now()
             while self._computed_s < now:
@@ -298,7 +349,7 @@ class World:
             return now
 
     def _advance_along(self, start: float, now: float) -> None:
-        """Up to the first event after start, to the end of the move made there, or to now."""
+        """Advance to the first event after ``start``, to the end of its move, or to ``now``."""
         ahead = [m.start_s for m in takewhile(lambda m: m.start_s > start, reversed(self._moves))]
         move = self.move_at(start)
         end = min(now, *ahead, now if move is None else move.end_s)
@@ -321,7 +372,7 @@ class World:
             self._watches.pop(event[1]).notify(event[0])
 
     def _record(self, times: Array, poses: Array, depth: Array) -> None:
-        """Put what was travelled until what is known into the records."""
+        """Record depth and envelope of the samples up to the computed time."""
         seen = times <= self._computed_s
         if self._deepest is not None:
             at_end = float(np.interp(self._computed_s, times, depth))
@@ -380,7 +431,7 @@ class World:
 
 
 def _shallower(scene: Scene) -> Iterator[Scene]:
-    """The scene, then less and less deep, by a twentieth."""
+    """Yield the scene, and then the scene less and less deep, each time by a twentieth."""
     for _ in range(60):
         yield scene
         scene = replace(scene, pose=replace(scene.pose, depth=scene.pose.depth * 0.95))

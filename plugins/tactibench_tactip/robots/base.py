@@ -1,6 +1,6 @@
 """The interface of a robot, and the drivers by name.
 
-One thread calls a robot, and none of its methods waits but ``connect``.
+Only one thread calls a robot, and of the methods of ``Robot`` only ``connect`` may take long.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DRIVERS = MappingProxyType(
 )
 """Name in the configuration -> module and class, imported on use."""
 LOOK_S = 0.05
-"""Longest wait between two looks at whether to stop."""
+"""Longest wait between two checks whether to stop."""
 
 HOMING_S = 90.0
 """Time within which a stage reaches its switches, s."""
@@ -57,7 +57,7 @@ class Robot(Protocol):
     """A robot that moves a tool along straight lines.
 
     Poses are of the tool's centre point in the robot's base frame, mm and deg (sxyz). Methods raise
-    RobotError.
+    RobotError where the robot fails.
 
     Attributes:
         turns: Whether the tool can be turned.
@@ -66,7 +66,7 @@ class Robot(Protocol):
     turns: bool
 
     def connect(self) -> None:
-        """Get ready to move, or say what keeps it from that. May take ``connect_s``."""
+        """Get ready to move, or raise an error that says why not; it may take ``connect_s``."""
         ...
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
@@ -78,7 +78,7 @@ class Robot(Protocol):
         ...
 
     def pose(self) -> Pose6:
-        """Return where the tool is."""
+        """Return the pose of the tool."""
         ...
 
     def stop(self) -> None:
@@ -86,7 +86,7 @@ class Robot(Protocol):
         ...
 
     def state(self) -> RobotState:
-        """Return the state of this moment."""
+        """Return the present state."""
         ...
 
     def tick(self) -> None:
@@ -107,7 +107,11 @@ class RecoverableRobot(Protocol):
     """A robot whose protective stop can be released from here."""
 
     def recover(self) -> None:
-        """Release the stop and get ready again. Raises RobotError when that is refused."""
+        """Release the stop and get ready again.
+
+        Raises:
+            RobotError: The stop cannot be released.
+        """
         ...
 
 
@@ -116,13 +120,17 @@ class HomingRobot(Protocol):
     """A stage that finds its position at its switches.
 
     Attributes:
-        at_switches: Whether it stands there.
+        at_switches: Whether the stage stands at its switches.
     """
 
     at_switches: bool
 
     def home(self) -> None:
-        """Drive to the switches, at most HOMING_S. Raises RobotError."""
+        """Drive to the switches, at most HOMING_S.
+
+        Raises:
+            RobotError: The stage does not reach its switches in this time.
+        """
         ...
 
 
@@ -131,12 +139,26 @@ class ProbingRobot(Protocol):
     """A robot that stops by itself where a probe closes its contact."""
 
     def probe(self, pose: Pose6, speed: float) -> Pose6 | None:
-        """Move towards a pose, mm/s, until contact; return the pose there, None: no contact."""
+        """Move towards a pose until the probe's contact closes.
+
+        Args:
+            pose: The pose.
+            speed: Speed, mm/s.
+
+        Returns:
+            The pose at which the contact closed; None: it did not close.
+        """
         ...
 
 
 def missing_package(package: str, extra: str, remark: str = "") -> UserError:
-    """Return the error for a driver whose package is not installed."""
+    """Return the error for a driver whose package is not installed.
+
+    Args:
+        package: Name of the package.
+        extra: Extra of tactibench that installs it.
+        remark: Text after the advice.
+    """
     return UserError(
         f"the package {package} is missing; install it with "
         f"pip install 'tactibench[{extra}]'{remark}."
@@ -151,7 +173,7 @@ def make_robot(settings: Settings) -> Robot:
 
 
 def connect_seconds(settings: Settings) -> float:
-    """Return s that connecting may take: ``connect_s``, and a stage's way to its switches."""
+    """Return the time that connecting may take, s, with a stage's way to its switches."""
     homes = settings.robot.driver == "grbl" and settings.robot.home
     return settings.robot.connect_s + (HOMING_S if homes else 0.0)
 
@@ -159,9 +181,19 @@ def connect_seconds(settings: Settings) -> float:
 def run_within(
     seconds: float, name: str, job: Callable[[], T], halt: threading.Event | None = None
 ) -> T:
-    """Return the result of a job that may hang, from a thread that is left behind then.
+    """Return the result of a job that may hang; the thread of such a job is left behind.
 
-    Raises RobotError when the time is over, and StopNowError when halt is set meanwhile.
+    Errors of the job are raised here.
+
+    Args:
+        seconds: Time within which the job must end.
+        name: Name of the robot, for the message.
+        job: Function without arguments.
+        halt: Event that ends the wait.
+
+    Raises:
+        RobotError: The job did not end in time.
+        StopNowError: ``halt`` was set meanwhile.
     """
     results: list[T] = []
     failures: list[BaseException] = []

@@ -16,10 +16,10 @@ from tactibench_tactip.settings import Pose6, Settings
 class CriRobot(Robot):
     """A robot whose ``move_linear`` blocks until it stands: each move runs in a thread of its own.
 
-    The robot is asked for nothing else meanwhile. ``stop`` is used where it has one; otherwise the
-    move, which is one press at most, runs to its end. ``robot.address`` names what makes the robot:
-    ``package.module:callable``, called without arguments. It must talk mm and deg in axes sxyz, of
-    the tool in the base frame.
+    The robot is asked for nothing else meanwhile. Its ``stop`` is used where it has one; otherwise
+    the move, which is one press at most, runs to its end. ``robot.address`` names a callable that
+    makes the robot: ``package.module:callable``, called without arguments. The robot's poses must
+    be of the tool in the base frame, in mm and deg in axes sxyz.
     """
 
     turns = True
@@ -33,7 +33,12 @@ class CriRobot(Robot):
         self._pose: Pose6 = (0.0,) * 6
 
     def connect(self) -> None:
-        """Make the robot. Raises UserError for an object without what is needed."""
+        """Make the robot.
+
+        Raises:
+            UserError: ``robot.address`` names no callable, or one that makes an object without
+                ``move_linear``, ``pose`` or ``close``.
+        """
         module, _, name = self._address.partition(":")
         try:
             make = getattr(import_module(module), name)
@@ -67,7 +72,11 @@ class CriRobot(Robot):
             self._failure = error
 
     def moving(self) -> bool:
-        """Return whether the move goes on. Raises RobotError for one that failed."""
+        """Return whether the move goes on.
+
+        Raises:
+            RobotError: The move failed.
+        """
         if self._move is None or self._move.is_alive():
             return self._move is not None
         self._move = None
@@ -78,7 +87,7 @@ class CriRobot(Robot):
         return False
 
     def pose(self) -> Pose6:
-        """Return where it is; during a move, where it was before."""
+        """Return the pose of the tool; during a move, its pose before the move."""
         if self._move is None:
             self._pose = self._read_pose()
         return self._pose
@@ -88,12 +97,12 @@ class CriRobot(Robot):
         return x, y, z, a, b, c
 
     def stop(self) -> None:
-        """Stop, where the robot can."""
+        """Stop the robot, where it has a method ``stop``."""
         if hasattr(self._robot, "stop"):
             self._robot.stop()
 
     def state(self) -> RobotState:
-        """Return a normal state: these robots say nothing of theirs."""
+        """Return a normal state: these robots do not report their state."""
         return RobotState(normal=True, description="not told")
 
     def tick(self) -> None:

@@ -22,7 +22,7 @@ BANNER_S, BANNER_SOCKET_S = 2.5, 0.2
 PROBE_S = 60.0
 """Longest time of a probing move: GRBL answers only when it has ended."""
 POLL_S = 0.1
-"""Between status reports, device seconds; GRBL wants no more than 5 to 10 a second."""
+"""Device seconds between two status reports; GRBL wants no more than 5 to 10 a second."""
 TURN_DEG = 0.05
 """Turns above this are refused: a stage of three axes cannot turn."""
 _RATES = {"x": "$110", "y": "$111", "z": "$112"}
@@ -33,7 +33,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
     """A stage whose machine coordinates are the base frame.
 
     It carries the tool without turning it, so every pose has the work frame's own orientation.
-    ``tcp_pose`` does not count.
+    ``tcp_pose`` is not used.
     """
 
     turns = False
@@ -50,7 +50,13 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         self.at_switches = False
 
     def connect(self) -> None:
-        """Open the port, check the stage's settings, and home it where ``robot.home`` says so."""
+        """Open the port, check the stage's settings, and home it where ``robot.home`` says so.
+
+        Raises:
+            UserError: The port does not answer as GRBL, a setting does not fit the configuration,
+                or the stage is not homed.
+            RobotError: The stage fails.
+        """
         address = self._robot.address
         link = self._open_link = GrblLink(address)
         link.wait_banner(BANNER_SOCKET_S if address.startswith("socket://") else BANNER_S)
@@ -75,7 +81,11 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         self._check_homed()
 
     def home(self) -> None:
-        """Drive to the switches, where GRBL answers nothing but a reset. Raises RobotError."""
+        """Drive to the switches; meanwhile GRBL answers nothing but a reset.
+
+        Raises:
+            RobotError: GRBL refuses, or does not answer within HOMING_S.
+        """
         self._link.alarm, self._homing = 0, True
         self._link.command("$H", HOMING_S)
         self._homing, self._polled_at, self.at_switches = False, 0.0, True
@@ -99,7 +109,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         return self._moving
 
     def pose(self) -> Pose6:
-        """Return where the tool is; at rest by a report of this moment."""
+        """Return the pose of the tool; at rest it comes from a new report."""
         if not self._moving:
             self._polled_at = 0.0
         return self._with_turn(*self._status().position)
@@ -128,10 +138,13 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
     def probe(self, pose: Pose6, speed: float) -> Pose6 | None:
         """Move towards a pose until the probe's circuit closes (``G38.3``); None: it did not.
 
-        Relative: a probe knows work coordinates only, whose offset is not ours.
+        The move is relative: probing knows work coordinates only, whose offset is not set here.
+
+        Raises:
+            RobotError: GRBL refuses, raises an alarm or does not answer.
         """
-        here = self.pose()
-        x, y, z = (to - now for to, now in zip(pose[:3], here[:3], strict=True))
+        start = self.pose()
+        x, y, z = (to - now for to, now in zip(pose[:3], start[:3], strict=True))
         command = f"G21G91G38.3X{x:.4f}Y{y:.4f}Z{z:.4f}F{60 * speed:.1f}"
         lines = self._link.command(command, PROBE_S)
         if self._link.alarm:
@@ -146,7 +159,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         return self._with_turn(px, py, pz)
 
     def close(self) -> None:
-        """Stop what moves and close the port."""
+        """Stop all motion and close the port."""
         if self._open_link is None:
             return
         with suppress(RobotError):
@@ -170,7 +183,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         return self._open_link
 
     def _may_move(self) -> bool:
-        """True while it may still move; a silent stage may when it did."""
+        """Return whether the stage may still move; a silent stage may where it moved before."""
         try:
             return self._link.status(0.3).state in ("Run", "Jog", "Hold", "Home")
         except NoAnswerError:
@@ -180,7 +193,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         return x, y, z, *self._work_frame[3:]
 
     def _status(self) -> Status:
-        """The last report, a new one when it is older than POLL_S of the device's time."""
+        """Return the last report, or a new one where that is older than POLL_S, device seconds."""
         if time.monotonic() - self._polled_at > POLL_S / self._robot.time_scale:
             self._last = self._link.status()
             self._polled_at = time.monotonic()

@@ -1,4 +1,4 @@
-"""Lines to and from a GRBL 1.1 controller: send one, wait for its answer, never for ever."""
+"""Lines to and from a GRBL 1.1 controller; every wait for an answer has an end."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ ANSWER_S = 2.0
 STATUS_S = 0.25
 """Time after which a status report is requested again: a busy GRBL drops the request."""
 PAUSE_S = 0.0005
-"""Between two looks at a port without data: without a pause they would take a core."""
+"""Pause between two looks at a port without data: without it they would take a whole core."""
 STATE, STATE_HEAD = "$G", "[GC:"
-"""A question whose answer is no other line's; GRBL answers it also while it moves."""
+"""A question, and the head of its answer, which no other line has; GRBL answers it also while it
+moves."""
 CRITICAL = (1, 2)
 """Alarms after which nothing is answered before a reset."""
 _NUMBERS = re.compile(r"-?\d+(?:\.\d+)?")
@@ -45,7 +46,7 @@ _ALARMS = {
 
 
 class NoAnswerError(RobotError):
-    """GRBL is silent."""
+    """GRBL did not answer in time."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Status:
 
 
 class GrblLink:
-    """One port. Raises RobotLostError when it goes away.
+    """A connection to GRBL; its methods raise RobotLostError where the port goes away.
 
     Attributes:
         alarm: Number of the latest alarm, 0: none.
@@ -70,7 +71,14 @@ class GrblLink:
     """
 
     def __init__(self, address: str) -> None:
-        """Open the port. Raises UserError."""
+        """Open the port.
+
+        Args:
+            address: A serial port or socket://.
+
+        Raises:
+            UserError: The package pyserial is missing, or the port cannot be opened.
+        """
         try:
             import serial
         except ImportError:
@@ -99,8 +107,11 @@ class GrblLink:
     def command(self, line: str, wait_s: float = ANSWER_S) -> list[str]:
         """Send a line and return what came before its ``ok``.
 
-        An answer that comes too late is not taken for that of a later line. Raises RobotError for
-        an error, and NoAnswerError.
+        An answer that comes too late is not taken for that of a later line.
+
+        Raises:
+            RobotError: GRBL answers with an error.
+            NoAnswerError: GRBL does not answer within ``wait_s``.
         """
         if self._late:
             self._resynchronise()
@@ -123,26 +134,34 @@ class GrblLink:
             time.sleep(PAUSE_S)
 
     def _resynchronise(self) -> None:
-        """Let late answers go by, up to that of a question that tells it. Raises RobotLostError."""
+        """Skip late answers, up to the answer to a question that no other line answers.
+
+        Raises:
+            RobotLostError: That answer does not come within ANSWER_S.
+        """
         self._write(STATE.encode() + b"\n")
         end = time.monotonic() + ANSWER_S
-        told = False
+        state_seen = False
         while time.monotonic() < end:
             line = self._next_line()
             if line is None:
                 time.sleep(PAUSE_S)
-            elif told and line == "ok":
+            elif state_seen and line == "ok":
                 self._late = False
                 return
             else:
-                told = told or line.startswith(STATE_HEAD)
+                state_seen = state_seen or line.startswith(STATE_HEAD)
                 self._note(line)
         raise RobotLostError(
             "GRBL's answers come too late or not at all; check the cable, and home the stage."
         )
 
     def status(self, wait_s: float = ANSWER_S) -> Status:
-        """Return state and position. Raises NoAnswerError."""
+        """Return state and position.
+
+        Raises:
+            NoAnswerError: GRBL gives no status within ``wait_s``.
+        """
         self.drain()
         if self.alarm in CRITICAL:
             return Status("Alarm", self._position)
@@ -167,24 +186,27 @@ class GrblLink:
         self._write(byte)
 
     def wait_banner(self, wait_s: float) -> None:
-        """Wait for the ``Grbl`` banner, at most so long."""
+        """Wait for the ``Grbl`` banner, at most ``wait_s``."""
         end = time.monotonic() + wait_s
         while time.monotonic() < end and not self.banner:
             self.drain()
             time.sleep(0.002)
 
     def drain(self) -> None:
-        """Read what GRBL sent unrequested, such as an alarm."""
+        """Read the lines that GRBL sent unrequested, such as an alarm."""
         while (line := self._next_line()) is not None:
             self._note(line)
 
     def close(self) -> None:
         """Close the port. Never raises."""
-        with suppress(Exception):  # gone is gone
+        with suppress(Exception):  # the port may be gone already
             self._port.close()
 
     def parse_status(self, line: str) -> Status | None:
-        """Return MPos, or WPos and the last offset that was told; None: no whole status."""
+        """Return the status of a line; None: it is no complete status report.
+
+        The position is MPos, or WPos plus the last reported offset.
+        """
         if not (line.startswith("<") and line.endswith(">")):
             return None
         state, *fields = line[1:-1].split("|")
@@ -218,7 +240,7 @@ class GrblLink:
             raise _lost(error) from None
 
     def _next_line(self) -> str | None:
-        """The oldest line that was not looked at yet; None: there is none."""
+        """Return the oldest line that was not read yet; None: there is none."""
         if not self._lines:
             self._lines.extend(self._read_lines())
         return self._lines.popleft() if self._lines else None
@@ -230,8 +252,8 @@ class GrblLink:
             raise _lost(error) from None
         if not data:
             return []
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        texts = (line.decode("ascii", "replace").strip() for line in whole)
+        *complete, self._rest = (self._rest + data).split(b"\n")
+        texts = (line.decode("ascii", "replace").strip() for line in complete)
         return [text for text in texts if text]
 
 

@@ -18,11 +18,13 @@ from tactibench_tactip.robots.ur_link import UrLink
 from tactibench_tactip.settings import Pose6, Settings
 
 GRACE_S = 1.5
-"""Host seconds of standing short of the target, with no word of a move, that end one."""
+"""Host seconds after which a move counts as ended, where the arm stands short of its target and the
+controller reports no move."""
 NEAR_MM, NEAR_DEG = 0.05, 0.1
-"""Two targets are one within this."""
+"""Distance and angle within which two poses are the same."""
 TCP_MM, TCP_DEG = 0.5, 0.5
-"""By which the pendant's TCP may differ from the configuration's: a TCP is taught so well."""
+"""Difference that the pendant's TCP may have from the configuration's: a TCP is taught as exactly
+as this."""
 RECOVERY_S = 15.0
 RELOAD_S = 2.0
 UNLOCK_AFTER_S = 5.0
@@ -59,7 +61,7 @@ _VERSION = re.compile(r"(\d+)\.(\d+)")
 
 
 class UrRobot(Robot, RecoverableRobot):
-    """A UR; the base frame is the controller's, the TCP that of the configuration."""
+    """A UR arm; the base frame is the controller's, the TCP that of the configuration."""
 
     turns = True
 
@@ -74,7 +76,13 @@ class UrRobot(Robot, RecoverableRobot):
         self._rest_since = 0.0
 
     def connect(self) -> None:
-        """Connect. Raises UserError for an arm that is not ready or not there."""
+        """Connect to the arm.
+
+        Raises:
+            UserError: The arm is not there, is not ready, or has another TCP than the
+                configuration.
+            RobotError: The arm does not answer in time, or cannot be prepared.
+        """
         settings = self._settings
         self._dashboard = Dashboard(settings.address)
         self._dashboard.check_ready()
@@ -88,7 +96,7 @@ class UrRobot(Robot, RecoverableRobot):
         self._check(self._open_link.ask("prepare"))
 
     def _check_tcp(self, before: Pose6) -> None:
-        """Refuse to replace the pendant's TCP by another one, which may be a mistake of a file."""
+        """Raise UserError where the pendant's TCP is another, which may be a mistake of a file."""
         distance, angle = distance_between(before, self._tcp), angle_between(before, self._tcp)
         if self._settings.set_tcp or (distance <= TCP_MM and angle <= TCP_DEG):
             return
@@ -108,21 +116,21 @@ class UrRobot(Robot, RecoverableRobot):
     def moving(self) -> bool:
         """Return whether the move goes on.
 
-        Also until the arm is where it was sent, for a while: the word that a move goes on comes a
-        little after its begin.
+        For a short while a move also goes on until the arm has reached its target: the controller
+        reports a move only a little after its beginning.
         """
-        here = self.pose()
+        pose = self.pose()
         if self._link.facts()["moving"]:
-            self._note_rest(here)
+            self._note_rest(pose)
             return True
-        if self._target is None or _same(here, self._target):
+        if self._target is None or _same(pose, self._target):
             return False
-        if not _same(here, self._rest_pose):
-            self._note_rest(here)
+        if not _same(pose, self._rest_pose):
+            self._note_rest(pose)
         return time.monotonic() - self._rest_since < GRACE_S
 
     def pose(self) -> Pose6:
-        """Return where the tool is."""
+        """Return the pose of the tool."""
         return from_ur(self._link.facts()["pose"])
 
     def stop(self) -> None:
@@ -131,7 +139,7 @@ class UrRobot(Robot, RecoverableRobot):
         self._check(self._link.ask("stop"))
 
     def state(self) -> RobotState:
-        """Return what safety, mode and program say."""
+        """Return the state, from the safety status, the mode and the program."""
         facts = self._link.facts()
         bits, mode = facts["bits"], facts["mode"]
         normal, description = is_normal(bits) and mode == RUNNING, describe_safety(bits, mode)
@@ -153,7 +161,8 @@ class UrRobot(Robot, RecoverableRobot):
     def recover(self) -> None:
         """Release a protective stop: wait, unlock, load the program again.
 
-        Raises RobotError for every other kind of stop, and when the controller refuses.
+        Raises:
+            RobotError: The stop is of another kind, or the controller refuses.
         """
         assert self._dashboard is not None, "connected"  # noqa: S101
         facts = self._link.facts()
@@ -181,10 +190,10 @@ class UrRobot(Robot, RecoverableRobot):
     def describe(self) -> dict[str, str]:
         """Return the controller's version, and the pendant's speed slider."""
         version = "" if self._dashboard is None else self._dashboard.version
-        told = {"driver": "ur", "polyscope": version}
+        facts = {"driver": "ur", "polyscope": version}
         if self._open_link is not None:
-            told["speed_slider"] = f"{100 * self._open_link.facts()['slider']:.0f} %"
-        return told
+            facts["speed_slider"] = f"{100 * self._open_link.facts()['slider']:.0f} %"
+        return facts
 
     @property
     def _link(self) -> UrLink:
@@ -203,9 +212,13 @@ class UrRobot(Robot, RecoverableRobot):
 
 
 class Dashboard:
-    """A connection to the dashboard server. Raises UserError when there is none to be had.
+    """A connection to the dashboard server.
 
-    Spoken here directly: ``DashboardClient`` of ur_rtde hides why a connection fails.
+    Its protocol is spoken here directly, because ``DashboardClient`` of ur_rtde hides why a
+    connection fails.
+
+    Raises:
+        UserError: Nothing at the host answers as the dashboard of a UR does.
     """
 
     def __init__(self, host: str) -> None:
@@ -222,7 +235,11 @@ class Dashboard:
             ) from None
 
     def ask(self, question: str) -> str:
-        """Return the answer to a line. Raises RobotError without one."""
+        """Return the answer to a line.
+
+        Raises:
+            RobotError: The dashboard does not answer.
+        """
         try:
             self._socket.sendall(question.encode() + b"\n")
             return self._read_line()
@@ -232,7 +249,7 @@ class Dashboard:
             ) from None
 
     def check_ready(self) -> None:
-        """Raise UserError for a UR that is off, stopped, or in local mode; it says what to do."""
+        """Raise UserError where the UR is off, stopped or in local mode; it says what to do."""
         self.version = self.ask("PolyscopeVersion")
         match = _VERSION.search(self.version)
         version = (int(match[1]), int(match[2])) if match else (0, 0)
@@ -255,9 +272,14 @@ class Dashboard:
             )
 
     def unlock(self, end: float, pause_s: float) -> None:
-        """Release a protective stop, again and again until ``end`` of ``time.monotonic``.
+        """Try to release a protective stop, again and again; the controller refuses at first.
 
-        The controller refuses for the first seconds. Raises RobotError.
+        Args:
+            end: ``time.monotonic`` up to which it is tried.
+            pause_s: Host seconds between two attempts.
+
+        Raises:
+            RobotError: The stop was not released, or the dashboard does not answer.
         """
         self.ask("close safety popup")
         while True:
@@ -291,7 +313,7 @@ def is_normal(bits: int) -> bool:
 
 
 def is_protective_stop(bits: int) -> bool:
-    """Return whether a protective stop is all that is wrong."""
+    """Return whether a protective stop is the only reason that keeps the arm from moving."""
     return _stops(bits) == [PROTECTIVE]
 
 

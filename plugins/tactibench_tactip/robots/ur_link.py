@@ -20,19 +20,28 @@ from tactibench_tactip.robots.base import missing_package
 STARTED_S = 10.0
 END_S = 3.0
 STALE_S, MOST_STALE_S = 0.5, 1.0
-"""Host seconds for which facts hold, and for which new ones are waited for then. A period of the
-watchdog where that is longer (a rehearsal's: emulators share the processor), but less than the time
-after which a move is given up for another reason."""
+"""Least and greatest host seconds for which facts hold, and for which new facts are then awaited.
+In between it is a period of the watchdog, which is longer in a rehearsal, where emulators share the
+processor. The greatest is less than the time after which a move is given up for another reason."""
 
 
 class UrLink:
-    """Starts the process on creation, and keeps the facts that it sends at 125 Hz.
+    """A connection that starts the process, and keeps the facts that it sends at 125 Hz.
 
-    The arm has neither watchdog nor TCP until it is asked to ``prepare``. Raises RobotError, and
-    UserError for an arm that refuses.
+    The arm has neither watchdog nor TCP until it is asked to ``prepare``.
+
+    Args:
+        host: Address of the controller.
+        tcp: TCP to set, m and a rotation vector, rad.
+        watchdog_hz: Rate of the watchdog.
+        seconds: Time within which the arm must answer.
 
     Attributes:
-        tcp_before: The controller's own TCP, m and rotation vector.
+        tcp_before: The controller's own TCP, m and a rotation vector, rad.
+
+    Raises:
+        RobotError: The process does not start, or the arm does not answer in time.
+        UserError: The package ur_rtde is missing, or the arm refuses the connection.
     """
 
     def __init__(self, host: str, tcp: list[float], watchdog_hz: float, seconds: float) -> None:
@@ -74,7 +83,16 @@ class UrLink:
         threading.Thread(target=self._listen, name="tactip ur", daemon=True).start()
 
     def ask(self, what: str, *given: Any, wait_s: float = 8.0) -> str:
-        """Have something done; return what went wrong, "" for nothing. Raises RobotLostError."""
+        """Have the process call a method of ``Arm``; return what went wrong, or "".
+
+        Args:
+            what: Name of the method.
+            given: Its arguments.
+            wait_s: Time to wait for the answer.
+
+        Raises:
+            RobotLostError: The process ended, or does not answer in time.
+        """
         with self._news:
             self._orders += 1
             number = self._orders
@@ -95,7 +113,11 @@ class UrLink:
         return str(answer["answer"])
 
     def facts(self) -> dict[str, Any]:
-        """Return the latest facts, newer than the last answer. Raises RobotLostError."""
+        """Return the latest facts, which are newer than the last answer.
+
+        Raises:
+            RobotLostError: No new facts come, or the connection to the controller is lost.
+        """
         end = time.monotonic() + self._stale_s
         with self._news:
             while not self._fresh():
@@ -108,14 +130,14 @@ class UrLink:
             return self._facts
 
     def _fresh(self) -> bool:
-        """True for facts that are newer than the last answer, and not old."""
+        """Return whether the facts are newer than the last answer, and not too old."""
         there = bool(self._facts) and self._facts["number"] > self._after
         return there and time.monotonic() - self._changed_at <= self._stale_s
 
     def close(self) -> None:
-        """End the process: it stops the arm.
+        """End the process, which stops the arm.
 
-        One that hangs is ended by force; the controller's watchdog stops the arm then.
+        A process that hangs is killed; the controller's watchdog then stops the arm.
         """
         if self._link is not None:
             self._link.close()
@@ -187,7 +209,7 @@ class UrLink:
         )
 
     def _last_word(self) -> str:
-        """The last line that the process of the arm wrote to stderr."""
+        """Return the last line that the process of the arm wrote to stderr."""
         if self._stderr.closed:
             return self._last
         self._stderr.seek(0)

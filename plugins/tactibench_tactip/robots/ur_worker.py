@@ -1,10 +1,10 @@
 """The process that holds a UR: ``ur_rtde`` in a loop of 125 Hz.
 
 ``ur_rtde`` keeps Python's lock while it waits, in its constructors without end and in a move for up
-to 300 s; in a process of its own it can stop nothing but itself. This one does what it is told over
-a local connection, kicks the watchdog, and tells at every turn what the controller says. When the
-connection ends, for whatever reason, it stops the arm and ends. Poses are here as the controller
-has them, m and rotation vector.
+to 300 s; in a process of its own it can block nothing but itself. This process carries out the
+orders that come over a local connection, kicks the watchdog, and sends the controller's state at
+every turn. When the connection ends, for whatever reason, it stops the arm and ends. Poses are here
+as the controller has them, m and a rotation vector, rad.
 
     python -m tactibench_tactip.robots.ur_worker PORT < key
 """
@@ -27,14 +27,21 @@ VARIABLES = (
     "runtime_state",
     "target_speed_fraction",
 )
-"""A short list at 125 Hz: everything at 500 Hz takes a core."""
+"""Variables to receive: a short list at 125 Hz, because all variables at 500 Hz take a core."""
 HZ = 125.0
 STOP_M_S2 = 2.0
 """Deceleration of a stop."""
 
 
 class Arm:
-    """The two interfaces of ur_rtde. Every return is looked at: False instead of an exception.
+    """The two interfaces of ur_rtde, which return False instead of raising an exception.
+
+    Methods that return a text return what went wrong, or "".
+
+    Args:
+        host: Address of the controller.
+        tcp: TCP to set, m and a rotation vector, rad.
+        watchdog_hz: Rate of the watchdog.
 
     Attributes:
         tcp_before: The controller's TCP until ``prepare`` sets another one.
@@ -50,15 +57,21 @@ class Arm:
         self.tcp_before = list(self._control.getTCPOffset())
 
     def prepare(self) -> str:
-        """Set watchdog and TCP; return what went wrong, as all of these do."""
+        """Set watchdog and TCP."""
         if not self._control.setWatchdog(self._watchdog_hz):
             return "the watchdog could not be set"
         return "" if self._control.setTcp(self._tcp) else "the TCP could not be set"
 
     def start(self, pose: list[float], speed: float, acceleration: float) -> str:
-        """Begin a straight move; m, m/s, m/s2."""
+        """Begin a straight move.
+
+        Args:
+            pose: m and a rotation vector, rad.
+            speed: Top speed, m/s.
+            acceleration: Acceleration, m/s2.
+        """
         within = self._control.isPoseWithinSafetyLimits(pose)
-        if not self._control.isProgramRunning():  # which would have answered
+        if not self._control.isProgramRunning():  # a running program would have answered
             return "its control program has ended"
         if not within:
             return "its safety limits exclude the next pose; look at its planes and at [frames]"
@@ -67,13 +80,13 @@ class Arm:
         return ""
 
     def stop(self) -> str:
-        """Brake."""
+        """Brake the arm."""
         if self._control.isProgramRunning():  # otherwise the arm stands, and nobody would answer
             self._control.stopL(STOP_M_S2, True)
         return ""
 
     def reload(self, seconds: float) -> str:
-        """Load the control program again and wait until it runs."""
+        """Load the control program again, wait ``seconds`` at most until it runs, and prepare."""
         if not self._control.reuploadScript():
             return "the control program could not be loaded again"
         end = time.monotonic() + seconds
@@ -88,7 +101,7 @@ class Arm:
         self._control.kickWatchdog()
 
     def facts(self) -> dict[str, Any]:
-        """Return what the controller says at this moment."""
+        """Return the present state of the controller."""
         receive, control = self._receive, self._control
         return {
             "time": receive.getTimestamp(),
@@ -110,7 +123,7 @@ class Arm:
 
 
 def serve(link: Connection) -> None:
-    """Do what the other side says until it is gone."""
+    """Carry out the orders of the other side until the connection ends."""
     first = json.loads(link.recv_bytes())
     try:
         arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
