@@ -14,11 +14,12 @@ from tactibench_pins.displacements import FAINT, Components
 from tactibench_pins.transfer import Differences
 
 _LAST = 0.1
-"""Share of the usual size of the last layer's first weights: answers start near the mean."""
+"""Factor on the usual size of the last layer's first weights, so that answers start near the
+mean."""
 
 
 def torch_polar(moved: torch.Tensor) -> torch.Tensor:
-    """``polar`` of a tensor (..., C)."""
+    """Return ``polar`` of a tensor (..., C)."""
     size = moved.square().mean(dim=-1, keepdim=True).sqrt().clamp_min(FAINT)
     return torch.cat([moved / size, 2 * size.log()], dim=-1)
 
@@ -41,10 +42,10 @@ class Members(nn.Module):
         """Make ``members`` networks.
 
         Args:
-            size: 2 P.
+            size: Numbers of a frame, 2 P.
             sizes: K, units of the hidden layers, T.
             members: M.
-            polar: whether vectors are taken as direction and size.
+            polar: Whether vectors are taken as direction and size.
         """
         super().__init__()
         self.members = members
@@ -65,7 +66,13 @@ class Members(nn.Module):
 
     @torch.no_grad()
     def initialise(self, components: Components, whitening: float, noise: float) -> None:
-        """Fix the components of displacements. noise: of one number of a frame."""
+        """Fix the components of displacements.
+
+        Args:
+            components: Components of the training frames.
+            whitening: Power of the spreads, see ``Components.weights``.
+            noise: Deviation of one number of a frame.
+        """
         weights = torch.from_numpy(components.weights(whitening)).float()
         count = len(components)  # frames that hardly differ have fewer than K
         self.mean.copy_(torch.from_numpy(components.mean))
@@ -77,7 +84,7 @@ class Members(nn.Module):
 
     @torch.no_grad()
     def show_differences(self, differences: Differences) -> None:
-        """Set smooth differences of fields while it trains; after ``initialise``."""
+        """Show smooth differences of fields in the training; to be called after ``initialise``."""
         factor = differences.of_components(self.basis.cpu().double().numpy())
         self.differences = torch.from_numpy(factor).to(self.basis)
 
@@ -89,7 +96,7 @@ class Members(nn.Module):
         return torch.cat([values, rms.to(values)], dim=2)
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
-        """Return (M, B, U) the last hidden layer of every member."""
+        """Return the last hidden layer (M, B, U) of every member."""
         if self.polar:
             vectors = moved.expand(self.members, -1, -1)
             if self.training:

@@ -1,4 +1,4 @@
-"""Further training presses of a sensor of channels, made of the presses that there are.
+"""Further training presses of a sensor of channels, made from the presses that there are.
 
 A skin is pressed at few places, and its channels depend smoothly on place and depth. A Gaussian
 process learns this dependence f from the training presses. Press i is then moved from its targets
@@ -6,9 +6,10 @@ y_i to others nearby,
 
     c = f(y) + e_i,    e_i = c_i - f_i(y_i),
 
-where f_i does not know press i, nor others at its place. So the networks see places between those
-of the training, with the errors of real presses: the skin yields differently from press to press,
-which changes several channels together, and noise of every channel alone leaves that out.
+where f_i is learned without press i and without the others at its place. So the networks see places
+between those of the training, with the errors of real presses: the skin yields differently from
+press to press, which changes several channels together. Noise of every channel alone leaves that
+out.
 """
 
 from __future__ import annotations
@@ -26,18 +27,20 @@ from scipy.spatial.distance import cdist
 Array = npt.NDArray[np.float64]
 
 COPIES = 8
-"""Moved presses for each one. With 16 the training takes twice as long, and the error on a fifth of
-the training places of eFlesh is 3 % less."""
+"""Moved presses for each press. With 16 the training takes twice as long, and the error on a fifth
+of the training places of eFlesh is 3 % less."""
 REACH = 0.5
-"""Most that a press is moved along each target, in the target's deviations over the presses.
+"""Most that a press is moved along each target, in the target's deviation over the presses.
 A quarter, or any place of the range, is worse on a fifth of the training places of eFlesh; 0.8 is
 as good."""
 _MOST = 4000
-"""Presses that are learned from. The time grows with their third power: seconds for these."""
+"""Most presses that are learned from. The time grows with the third power of their number and is
+seconds for this many."""
 _SAMPLE = 1600
-"""Presses on which lengths and noise are chosen; fewer lie farther apart and favour more noise."""
+"""Most presses on which lengths and noise are chosen; fewer lie farther apart and favour more
+noise."""
 _LENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0)
-"""Lengths to try, in a target's deviations."""
+"""Lengths of the kernel to try, in a target's deviation."""
 _NOISES = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1)
 """Variances of the noise to try, as shares of the variance of f."""
 _ROUNDS = 2
@@ -50,10 +53,10 @@ class ForwardModel:
     """Gaussian process from T targets to C channels, with a Matern kernel of order 5/2.
 
     Attributes:
-        targets: (N, T) of the presses, each divided by its length.
-        lengths: (T,) of the kernel.
+        targets: (N, T) targets of the presses, each divided by its length.
+        lengths: (T,) lengths of the kernel.
         alpha: (N, C) weights of the presses.
-        mean: (C,) channels.
+        mean: (C,) mean channels.
         residuals: (N, C) channels less those predicted from the presses at other places.
     """
 
@@ -65,7 +68,13 @@ class ForwardModel:
 
     @classmethod
     def fit(cls, targets: Array, moved: Array, places: npt.NDArray[np.intp]) -> Self:
-        """Return the process of targets (N, T), channels (N, C) and numbers of places (N,)."""
+        """Return the process that is fitted to presses.
+
+        Args:
+            targets: (N, T) targets.
+            moved: (N, C) channels.
+            places: (N,) number of the place of every press.
+        """
         mean = moved.mean(axis=0)
         step = -(-len(moved) // _SAMPLE)
         lengths, noise = _choose_kernel(targets[::step], (moved - mean)[::step])
@@ -80,7 +89,7 @@ class ForwardModel:
         return cls(scaled, lengths, alpha, mean, residuals)
 
     def __call__(self, targets: Array) -> Array:
-        """Return (M, C) channels of targets (M, T)."""
+        """Return the channels (M, C) of targets (M, T)."""
         starts = range(0, len(targets), _BATCH)  # a kernel of all rows would fill the memory
         rows = (targets[start : start + _BATCH] / self.lengths for start in starts)
         return np.concatenate([_kernel(row, self.targets) @ self.alpha for row in rows]) + self.mean
@@ -90,30 +99,35 @@ def move_presses(targets: Array, moved: Array, rng: np.random.Generator) -> tupl
     """Return targets and channels of COPIES moved presses for each one.
 
     Args:
-        targets: (N, T) in deviations; a moved press stays within their range.
+        targets: (N, T) targets in deviations; a moved press stays within their range.
         moved: (N, C) channels.
-        rng: draws where to.
+        rng: Generator that draws the moves.
     """
     if len(targets) > _MOST:
         rows = np.sort(rng.permutation(len(targets))[:_MOST])
         targets, moved = targets[rows], moved[rows]
-    # Of a contact the first two targets are its place; presses of one place err alike. A plate
-    # has no others, so that each of its presses is left out alone.
+    # The first two targets of a contact are its place; presses of one place err alike. A plate has
+    # no further targets, so that each of its presses is left out alone.
     _, places = np.unique(targets[:, :2], axis=0, return_inverse=True)
     forward = ForwardModel.fit(targets, moved, places.reshape(-1))
     low, high = targets.min(axis=0), targets.max(axis=0)
     new_targets, new_moved = [], []
     for _ in range(COPIES):
-        there = targets + rng.uniform(-REACH, REACH, targets.shape)
-        there = np.where(there < low, 2 * low - there, there)
-        there = np.where(there > high, 2 * high - there, there).clip(low, high)
-        new_targets.append(there)
-        new_moved.append(forward(there) + forward.residuals)
+        nearby = targets + rng.uniform(-REACH, REACH, targets.shape)
+        nearby = np.where(nearby < low, 2 * low - nearby, nearby)
+        nearby = np.where(nearby > high, 2 * high - nearby, nearby).clip(low, high)
+        new_targets.append(nearby)
+        new_moved.append(forward(nearby) + forward.residuals)
     return np.concatenate(new_targets), np.concatenate(new_moved)
 
 
 def _choose_kernel(targets: Array, moved: Array) -> tuple[Array, float]:
-    """Return lengths (T,) and noise of the greatest marginal likelihood."""
+    """Return lengths (T,) and noise of the greatest marginal likelihood.
+
+    Args:
+        targets: (N, T) targets in deviations.
+        moved: (N, C) channels less their mean.
+    """
     count = targets.shape[1]
     choices = [*([_LENGTHS] * count), _NOISES]
     best = np.array([1.0] * count + [1e-3])
@@ -129,7 +143,7 @@ def _choose_kernel(targets: Array, moved: Array) -> tuple[Array, float]:
 
 
 def _unlikelihood(targets: Array, moved: Array, noise: float) -> float:
-    """Return -2 / C log likelihood with the best variance of f, but for a constant.
+    """Return -2 / C times the log likelihood with the best variance of f, up to a constant.
 
     Rasmussen and Williams 2006, eq. 2.30, for C channels of one kernel.
     """
@@ -147,6 +161,6 @@ def _factor(targets: Array, noise: float) -> tuple[Array, bool]:
 
 
 def _kernel(a: Array, b: Array) -> Array:
-    """Return (N, M) of targets divided by their lengths."""
+    """Return the kernel (N, M) of targets (N, T) and (M, T), each divided by its length."""
     distance = np.sqrt(5.0) * cdist(a, b)
     return np.asarray((1.0 + distance + distance**2 / 3.0) * np.exp(-distance))

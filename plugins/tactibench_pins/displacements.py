@@ -19,21 +19,22 @@ Image = npt.NDArray[np.uint8]
 
 LATTICE = common_lattice()
 _FAINTEST = 0.01
-"""Quantile of the training presses that stands for the faintest: one may be mislabelled."""
+"""Quantile of the training presses that stands for the faintest press, which may be mislabelled."""
 _SHARE = 0.5
-"""Share of the way from a sensor at rest to the faintest training press where a contact begins."""
+"""Share of the way from a sensor at rest to the faintest training press at which a contact
+begins."""
 FAINT = 0.01
 """Least size of a vector of channels that has a direction, in deviations of the training frames."""
 _LEAST = 1e-6
-"""Spreads below this share of the largest are rounding."""
+"""Spreads below this share of the largest spread are rounding."""
 
 
 class Reader(ABC):
-    """Reads frames as vectors: displacements of pins, or channels of a sensor without a camera.
+    """A reader of frames as vectors: displacements of pins, or channels where there is no camera.
 
     Attributes:
-        size: Numbers of a vector.
-        noise: Deviation that training adds to a number, of a vector's own unit.
+        size: Count of numbers in a vector.
+        noise: Deviation of the noise that training adds to each number, in the vector's own unit.
         polar: Whether a vector's direction and size say more than its numbers.
     """
 
@@ -43,7 +44,7 @@ class Reader(ABC):
 
     @abstractmethod
     def displacements(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, size)."""
+        """Return the vectors (N, size) of frames."""
 
     @abstractmethod
     def saved(self) -> dict[str, Any]:
@@ -60,7 +61,7 @@ class OwnPins(Reader):
         self.size = 2 * len(pins.rest)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, 2 P)."""
+        """Return the displacements (N, 2 P), px."""
         return self.pins.displacements(self.pins.images(frames))
 
     def saved(self) -> dict[str, Any]:
@@ -75,7 +76,7 @@ class LatticePins(OwnPins):
     """
 
     noise = 0.003
-    """Noise of single places, where several sensors are seen on the lattice."""
+    """Noise of single places, in units of the layout, where sensors are seen on the lattice."""
 
     def __init__(self, pins: PinTracker) -> None:
         super().__init__(pins)
@@ -83,10 +84,10 @@ class LatticePins(OwnPins):
         self._sensors = BySensor(lambda pins: (pins, common_view(pins.rest, LATTICE)))
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, 2 P).
+        """Return the displacements (N, 2 P), units of the layout.
 
         Raises:
-            UserError: for a frame without a rest image, or with one that shows no layout.
+            UserError: A frame has no rest image, or one that shows no layout.
         """
         out = np.empty((len(frames), self.size))
         for number, rows in self._sensors.rows(frames).items():
@@ -95,7 +96,7 @@ class LatticePins(OwnPins):
         return out
 
     def saved(self) -> dict[str, Any]:
-        """Return the rest image, and that vectors are on the lattice."""
+        """Return the rest image, and the fact that vectors are on the lattice."""
         return {**super().saved(), "lattice": True}
 
 
@@ -103,9 +104,10 @@ class Channels(Reader):
     """Channels in units of their rms deviation over the training frames, less those at rest.
 
     Attributes:
-        scale: That deviation, one for all: channels of one kind differ in size because some say
-            more. 1 where no channel ever changes.
-        minus_rest: whether all training frames had a rest frame, which was taken off.
+        size: Number of channels C.
+        scale: Rms deviation, one for all channels: channels of one kind differ in size because some
+            say more. It is 1 where no channel ever changes.
+        minus_rest: Whether all training frames had a rest frame, which was taken off.
     """
 
     noise = 0.02
@@ -119,19 +121,24 @@ class Channels(Reader):
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> Self:
-        """Return those of training frames."""
+        """Return the reader for training frames."""
         minus_rest = all(frame.rest is not None for frame in frames)
         vectors = channel_vectors(frames, minus_rest=minus_rest)
         scale = float(np.sqrt(vectors.var(axis=0, dtype=np.float64).mean()))
         return cls(vectors.shape[1], scale if scale > 0 else 1.0, minus_rest)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, C). Raises UserError for frames of another sensor."""
+        """Return the channels (N, C), in units of ``scale``.
+
+        Raises:
+            UserError: The frames have other channels than the training frames, or lack a rest
+                frame, or hold a value that is not finite.
+        """
         vectors = channel_vectors(frames, minus_rest=self.minus_rest, count=self.size)
         return vectors.astype(np.float64) / self.scale
 
     def saved(self) -> dict[str, Any]:
-        """Return the units."""
+        """Return count and units of the channels."""
         facts = {"size": self.size, "scale": self.scale, "minus_rest": self.minus_rest}
         return {"channels": facts}
 
@@ -143,9 +150,12 @@ def find_reader(frames: Sequence[Frame], targets: Array, transfers: bool) -> Rea
     several sensor instances are seen on the common lattice, each from its own rest image.
 
     Args:
-        frames: of one sensor, or of several instances of it.
-        targets: (N, T), the depth of a plate first, that of a contact last.
-        transfers: whether other sensors' frames will be shown, too.
+        frames: Frames of one sensor, or of several instances of it.
+        targets: (N, T) targets: the depth of a plate is the first, that of a contact the last.
+        transfers: Whether other sensors' frames will be shown, too.
+
+    Raises:
+        UserError: Frames of channels are to be read for transfer to other sensors.
     """
     if holds_channels(frames):
         if transfers:
@@ -164,8 +174,7 @@ def find_reader(frames: Sequence[Frame], targets: Array, transfers: bool) -> Rea
 def restored_reader(extra: Mapping[str, Any], transfers: bool) -> Reader | None:
     """Return the reader that was saved; None where there was none.
 
-    Weights from before "lattice" was written for transfer are read on the lattice with
-    ``transfers``.
+    Older weights for transfer do not say "lattice"; with ``transfers`` they are read on it.
     """
     if channels := extra.get("channels"):
         return Channels(**channels)
@@ -176,10 +185,15 @@ def restored_reader(extra: Mapping[str, Any], transfers: bool) -> Reader | None:
 
 
 def displacements(reader: Reader | None, frames: Sequence[Frame], model: str) -> Array:
-    """Return (N, size) vectors.
+    """Return the vectors (N, size) of frames.
+
+    Args:
+        reader: Reader of the frames; None before a training.
+        frames: The frames.
+        model: Name of the model, for the message.
 
     Raises:
-        UserError: before anything is learned.
+        UserError: The model has learned nothing yet.
     """
     if reader is None:
         raise UserError(f"model {model!r} has learned nothing yet; train it or load weights first.")
@@ -204,15 +218,21 @@ class Components:
 
     @classmethod
     def fit(cls, moved: Array, count: int, *, as_polar: bool = False) -> Self:
-        """Return the first ``count`` components with any spread of vectors (N, C)."""
+        """Return the first components of vectors.
+
+        Args:
+            moved: (N, C) vectors.
+            count: Most components; those without any spread are left out.
+            as_polar: Whether vectors are taken as direction and size.
+        """
         moved = polar(moved) if as_polar else moved
         mean = moved.mean(axis=0)
         centred = moved - mean
         variance, basis = np.linalg.eigh(centred.T @ centred / len(moved))
         spread = np.sqrt(np.maximum(variance[::-1], 0.0))
-        there = max(1, int(np.count_nonzero(spread[:count] > _LEAST * spread[0])))
-        basis = np.ascontiguousarray(basis[:, ::-1][:, :there])
-        return cls(mean, basis, spread[:there], as_polar)
+        usable = max(1, int(np.count_nonzero(spread[:count] > _LEAST * spread[0])))
+        basis = np.ascontiguousarray(basis[:, ::-1][:, :usable])
+        return cls(mean, basis, spread[:usable], as_polar)
 
     def __len__(self) -> int:
         return len(self.spread)
@@ -222,29 +242,32 @@ class Components:
         return replace(self, basis=self.basis[:, :count], spread=self.spread[:count])
 
     def weights(self, whitening: float) -> Array:
-        """Return (K,) 1 / spread^whitening: 0 keeps pixels, 1 makes all spread alike."""
+        """Return weights (K,) in proportion to 1 / spread^whitening.
+
+        A whitening of 0 keeps the proportions of pixels, 1 makes all spreads alike.
+        """
         least = np.maximum(self.spread, 1e-9)
         return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
 
     def of(self, moved: Array, whitening: float) -> Array:
-        """Return (N, K) of vectors (N, C), the first with unit spread."""
+        """Return the components (N, K) of vectors (N, C), the first with unit spread."""
         moved = polar(moved) if self.polar else moved
         return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))
 
 
 def polar(moved: Array) -> Array:
-    """Return direction and size of vectors (N, C), (N, C + 1): v / rms v, and 2 log rms v.
+    """Return direction and size of vectors v (N, C) as (N, C + 1): v / rms v, and 2 log rms v.
 
     Where one thing presses, its place shows in the direction and its depth in the size. Single
-    presses on the magnetic skin of eFlesh are then read better than from v itself: mean
-    absolute error of ``kernel`` on held-out training places .238 mm for .277.
+    presses on the magnetic skin of eFlesh are then read better than from v itself: the mean
+    absolute error of ``kernel`` on held-out training places is 0.238 mm instead of 0.277 mm.
     """
     size = np.maximum(rms_displacement(moved), FAINT)[:, np.newaxis]
     return np.column_stack([moved / size, 2 * np.log(size)])
 
 
 def rms_displacement(moved: Array) -> Array:
-    """Return (N,) the root mean square of displacements (N, 2 P)."""
+    """Return the root mean square (N,) of displacements (N, 2 P)."""
     rms: Array = np.sqrt(np.mean(np.square(moved), axis=1))
     return rms
 
@@ -252,7 +275,7 @@ def rms_displacement(moved: Array) -> Array:
 def contact_threshold(moved: Array, answer: str) -> float:
     """Return the least rms displacement of a contact, from training presses (N, 2 P).
 
-    0 for a plate: its pose is asked for in every frame.
+    It is 0 for a plate, whose pose is asked for in every frame.
     """
     if answer == "plate" or not len(moved):
         return 0.0
@@ -260,9 +283,12 @@ def contact_threshold(moved: Array, answer: str) -> float:
 
 
 def read_answers(values: npt.NDArray[Any], answer: str, threshold: float) -> list[Answer | None]:
-    """Return answers of rows (N, T + 1): values, mm and deg, and the rms displacement.
+    """Return the answers of values.
 
-    threshold: the rms below which there is no contact.
+    Args:
+        values: (N, T + 1) targets, mm and deg, and the rms displacement.
+        answer: "contacts" or "plate".
+        threshold: Rms displacement below which there is no contact.
     """
     answers = answers_from_vectors(values[:, :-1], answer)
     none = Contacts.none()

@@ -47,15 +47,15 @@ Array = npt.NDArray[np.float64]
 _BATCH = 32
 """Frames that are tracked at once in ``predict``."""
 TRANSFER = Setting(components=60, length=2.5, ridge=1e-2)
-"""For transfer: validation frames are the trained sensor's and cannot choose for another. Chosen on
-the presses to which the simulated sensors were calibrated."""
+"""The setting for transfer: validation frames are the trained sensor's and cannot choose for
+another one. It was chosen on the presses to which the simulated sensors were calibrated."""
 
 
 class Kernel(Model):
     """Kernel ridge regression towards the median; no contact where the pins hardly moved.
 
-    Its setting is chosen on the validation frames; without such frames it is the usual one. For
-    transfer it is fixed, and training fields differ as those of other sensors do.
+    Its setting is chosen on the validation frames; without such frames it is the default one. For
+    transfer it is fixed, and the training fields are made to differ as those of other sensors do.
     """
 
     name = "kernel"
@@ -81,7 +81,12 @@ class Kernel(Model):
         rng: np.random.Generator,
         progress: Progress,  # noqa: ARG002 - there are no epochs
     ) -> FitReport:
-        """Choose the setting, then fit. Raises UserError for frames it cannot learn from."""
+        """Choose the setting, then fit.
+
+        Raises:
+            UserError: Fewer than two frames can be learned from, or frames of channels are to be
+                learned for transfer.
+        """
         began = time.perf_counter()
         count = len(frames)
         frames, targets = self._usable(frames, truth)
@@ -109,10 +114,13 @@ class Kernel(Model):
         return FitReport(seconds=time.perf_counter() - began, notes=notes, prior="none")
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
-        """Correct the answers by what labelled frames of another sensor lack (``Correction``).
+        """Fit a correction of the answers to labelled frames of another sensor (``Correction``).
 
-        Frames that cannot be learned from are left out; without any the answers are the trained
-        ones. Returns what was chosen, for the record.
+        Frames that cannot be learned from are left out; where none is left, the answers are those
+        of the trained model.
+
+        Returns:
+            Number of frames and ridge of every target, for the record.
         """
         self._correction = None
         frames, targets = self._usable(frames, truth)
@@ -147,7 +155,11 @@ class Kernel(Model):
         ]
 
     def save(self, directory: Path) -> None:
-        """Write all that ``predict`` needs into the folder. Raises UserError before a training."""
+        """Write all that ``predict`` needs into the folder.
+
+        Raises:
+            UserError: The model has learned nothing yet.
+        """
         if self._reader is None:
             raise UserError(f"model {self.name!r} has learned nothing yet; train it first.")
         arrays = {
@@ -173,7 +185,11 @@ class Kernel(Model):
         )
 
     def load(self, directory: Path) -> None:
-        """Read weights. Raises UserError for those of another model or answer."""
+        """Read weights from the folder.
+
+        Raises:
+            UserError: The weights are missing or damaged, or of another model or answer.
+        """
         tensors, extra = load_weights(directory, model=self.name, architecture=self._architecture)
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
         self._reader = restored_reader(extra, self.context.transfers)
@@ -188,12 +204,12 @@ class Kernel(Model):
 
     @property
     def _architecture(self) -> dict[str, Any]:
-        """Weights of the common lattice differ from those of one sensor's pins."""
+        """Facts that weights must share, such as whether they are on the common lattice."""
         shared = {"transfers": True} if self.context.transfers else {}
         return {"answer": self.context.answer, **shared}
 
     def parameter_count(self) -> int:
-        """Return how many numbers a training leaves: places, their weights, the components."""
+        """Return the count of learned numbers: places, their weights, the components."""
         arrays = (self._places, self._alpha, self._components.mean, self._components.basis)
         return sum(array.size for array in arrays)
 
@@ -213,7 +229,7 @@ class Kernel(Model):
         return choose_setting(learned, moved, self._scale.apply(targets))
 
     def _regress(self, moved: Array) -> Array:
-        """Return (N, T) in mm and deg of displacements (N, 2 P)."""
+        """Return the answers (N, T), mm and deg, to displacements (N, 2 P)."""
         similarities = self._similarities(moved)
         values = similarities @ self._alpha
         if self._correction is not None:
@@ -221,7 +237,7 @@ class Kernel(Model):
         return self._scale.invert(values)
 
     def _similarities(self, moved: Array) -> Array:
-        """Return (N, M) kernel of frames with each of the M training frames."""
+        """Return the kernel (N, M) of frames with each of the M training frames."""
         places = self._components.of(moved, self._setting.whitening)
         return kernel(places, self._places, self._length)
 

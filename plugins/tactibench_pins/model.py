@@ -46,14 +46,14 @@ RECIPE = Recipe(
     precision="float32",
 )
 CHANNELS = replace(RECIPE, epochs=33)
-"""Fewer epochs for channels: with the moved presses each holds nine times as many frames."""
+"""Fewer epochs for channels: with the moved presses an epoch has nine times as many frames."""
 _COMPONENTS = 40
 """Components of the displacements; further ones hold less than the pins' noise on real frames."""
 _WHITENING = 0.5
 _LAYERS = 3
 
 TRANSFER = replace(RECIPE, epochs=80)
-"""Fewer epochs for transfer to other sensors: details learned last are the trained one's own."""
+"""Fewer epochs for transfer to other sensors: details learned last are the trained sensor's own."""
 _SHARED = 12
 """Components for transfer to other sensors; the next ones differ more between two sensors of one
 make than between two presses."""
@@ -64,8 +64,8 @@ class Pins(LearnedModel):
     """Regression of one answer from the displacements of all pins; no contact where they are small.
 
     A pin that was not seen stands where its neighbours say. The median is learned (the loss is the
-    absolute error of the targets in standard deviations), by several networks that differ in
-    their first weights and in the noise they are shown; the answer is their mean.
+    absolute error of the targets in standard deviations) by several networks, which differ in their
+    first weights and in the noise that they are shown; the answer is their mean.
     """
 
     name = "pins"
@@ -116,7 +116,7 @@ class Pins(LearnedModel):
     def examples(
         self, frames: Sequence[Frame], truth: Sequence[Answer], rng: np.random.Generator
     ) -> Examples:
-        """Return the frames; those of channels with presses that are moved from them."""
+        """Return the frames and, for channels, presses that are moved from them."""
         examples = super().examples(frames, truth, rng)
         if not isinstance(self._reader, Channels):
             return examples
@@ -148,7 +148,7 @@ class Pins(LearnedModel):
         return (outputs[..., :-1] - targets[:, None]).abs().mean()
 
     def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
-        """Return (B, T + 1) the mean over the members, in mm and deg, and the rms displacement."""
+        """Return (B, T + 1): the mean over the members, mm and deg, and the rms displacement."""
         mean = raw.float().mean(dim=1).cpu().numpy()
         return np.column_stack([self._scale.invert(mean[:, :-1]), mean[:, -1]])
 
@@ -156,10 +156,13 @@ class Pins(LearnedModel):
         return read_answers(outputs, self.context.answer, self._threshold)
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
-        """Correct the answers by what labelled frames of another sensor lack (``Correction``).
+        """Fit a correction of the answers to labelled frames of another sensor (``Correction``).
 
-        Frames that cannot be learned from are left out; without any the answers are the trained
-        ones. Returns what was chosen, for the record.
+        Frames that cannot be learned from are left out; where none is left, the answers are those
+        of the trained model.
+
+        Returns:
+            Number of frames and ridge of every target, for the record.
         """
         self._correction = None
         self.configurations, self.timed_as = type(self).configurations, self._timed_as_trained
@@ -169,26 +172,26 @@ class Pins(LearnedModel):
         targets = self._scale.apply(answer_vectors(truth, self.context.answer, self.name)[rows])
         features, raw, _ = self._features([frames[row] for row in rows])
         self._correction = Correction.fit(features, targets - raw)
-        # Those are ways to compute the network, which is not corrected itself.
+        # Configurations are ways to compute the network alone, without the correction.
         self.configurations, self.timed_as = {}, "float32, corrected"
         return {"frames": len(rows), "ridge": list(self._correction.ridges)}
 
     def evaluate(self, frames: Sequence[Frame]) -> npt.NDArray[Any]:
-        """Return (N, T + 1) answers, mm and deg, corrected by ``adapt``, and rms displacements."""
+        """Return (N, T + 1): answers, mm and deg, corrected by ``adapt``, and rms displacements."""
         if self._correction is None:
             return super().evaluate(frames)
         features, raw, rms = self._features(frames)
         return np.column_stack([self._scale.invert(raw + self._correction(features)), rms])
 
     def stages(self) -> Sequence[Stage]:
-        """Return the phases of the network, or those of corrected answers in float32."""
+        """Return the phases of the network, or those of the corrected answers in float32."""
         if self._correction is None:
             return super().stages()
         return [("forward", self.evaluate), ("decode", self.answers)]
 
     @torch.inference_mode()
     def _features(self, frames: Sequence[Frame]) -> tuple[Array, Array, Array]:
-        """Return (N, M U) last hidden layers, (N, T) normalised raw answers, and (N,) rms."""
+        """Return last hidden layers (N, M U), normalised raw answers (N, T), and rms (N,)."""
         network = cast("Members", self.network)
         features, raw = [], []
         for start in range(0, len(frames), _BATCH):

@@ -16,7 +16,7 @@ from tactibench_pins.displacements import Components
 Array = npt.NDArray[np.float64]
 
 _SMALLEST = 0.02
-"""Residuals below this share of a target's deviation weigh alike."""
+"""Residuals below this share of a target's deviation have equal weights."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,11 @@ class Setting:
     """Choices of a kernel regression.
 
     Attributes:
-        components: of the displacements.
-        whitening: of their spreads (see ``Components``).
-        length: of the kernel, in rms distances of a frame from the mean one.
-        ridge: on the kernel's diagonal.
-        rounds: of reweighting; 0: least squares.
+        components: Number of components of the displacements.
+        whitening: Power of the components' spreads, see ``Components.weights``.
+        length: Length of the kernel, in rms distances of a frame from the mean frame.
+        ridge: Ridge on the kernel's diagonal.
+        rounds: Rounds of reweighting; 0: least squares.
     """
 
     components: int = 40
@@ -44,32 +44,43 @@ CHOICES: Mapping[str, tuple[Any, ...]] = {
     "length": (0.7, 1.0, 1.5),
     "whitening": (0.25, 0.5),
 }
-"""Values to try, in this order, each at the best of those tried before."""
+"""Values to try, in this order, each with the best values so far."""
 MOST = max(CHOICES["components"])
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Displacements (N, 2 P) that are learned from, and normalised targets (N, T)."""
+    """The training frames of a kernel regression.
+
+    Attributes:
+        components: Components of the displacements.
+        moved: (N, 2 P) displacements.
+        targets: (N, T) normalised targets.
+    """
 
     components: Components
     moved: Array
     targets: Array
 
     def places(self, setting: Setting, moved: Array | None = None) -> tuple[Array, float]:
-        """Return (M, K) components of displacements (by default its own), and a kernel length."""
-        some = self.components.first(setting.components)
-        own = some.of(self.moved, setting.whitening)
-        length = setting.length * float(np.sqrt(np.square(own).sum(axis=1).mean()))
-        return (own if moved is None else some.of(moved, setting.whitening)), max(length, 1e-9)
+        """Return the components (M, K) of displacements, and the length of the kernel.
+
+        Args:
+            setting: Choices of the regression.
+            moved: (M, 2 P) displacements; None: those of the training frames.
+        """
+        first = self.components.first(setting.components)
+        trained = first.of(self.moved, setting.whitening)
+        length = setting.length * float(np.sqrt(np.square(trained).sum(axis=1).mean()))
+        return (trained if moved is None else first.of(moved, setting.whitening)), max(length, 1e-9)
 
 
 def choose_setting(learned: Features, held_out: Array, targets: Array) -> Setting:
     """Return the setting with the least mean absolute error of frames that were held out.
 
     Args:
-        learned: the frames that are learned from.
-        held_out: (M, 2 P) displacements.
+        learned: The frames that are learned from.
+        held_out: (M, 2 P) displacements of the frames that were held out.
         targets: (M, T) normalised targets of these.
     """
     best = Setting()
@@ -86,10 +97,10 @@ def choose_setting(learned: Features, held_out: Array, targets: Array) -> Settin
 
 
 def _error(learned: Features, held_out: Array, targets: Array, setting: Setting) -> float:
-    own, length = learned.places(setting)
-    alpha = kernel_weights(kernel(own, own, length), learned.targets, setting)
+    trained, length = learned.places(setting)
+    alpha = kernel_weights(kernel(trained, trained, length), learned.targets, setting)
     places, _ = learned.places(setting, held_out)
-    return float(np.abs(kernel(places, own, length) @ alpha - targets).mean())
+    return float(np.abs(kernel(places, trained, length) @ alpha - targets).mean())
 
 
 def kernel(a: Array, b: Array, length: float) -> Array:
@@ -100,16 +111,16 @@ def kernel(a: Array, b: Array, length: float) -> Array:
 
 
 def kernel_weights(gram: Array, targets: Array, setting: Setting) -> Array:
-    """Return (N, T) alpha with f(x) = sum_i k(x, x_i) alpha_i.
+    """Return the weights alpha (N, T) of f(x) = sum_i k(x, x_i) alpha_i.
 
-    Least squares: (K + ridge I) alpha = y. A round of reweighting puts ridge |r_i| / mean |r| in
-    the place of ridge, r the residuals so far, which drives towards the least absolute residuals
-    (iteratively reweighted least squares; Holland and Welsch 1977).
+    Least squares: (K + ridge I) alpha = y. A round of reweighting replaces ridge by
+    ridge |r_i| / mean |r|, with the residuals r so far, which leads towards the least absolute
+    residuals (iteratively reweighted least squares; Holland and Welsch 1977).
 
     Args:
         gram: (N, N) k(x_i, x_j).
-        targets: (N, T).
-        setting: its ridge and rounds.
+        targets: (N, T) y.
+        setting: Choices of the regression, of which ridge and rounds are used.
     """
     count = len(gram)
     plain = cho_solve(cho_factor(_loaded(gram, np.full(count, setting.ridge))), targets)

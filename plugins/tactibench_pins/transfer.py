@@ -16,12 +16,11 @@ ridge regression of the answers' errors,
 
     y - f(x) = c + w h(x),    |w|^2 ridge + sum of squares least,
 
-which is nothing where the ridge is large. It is chosen for every target alone: the largest whose
-mean absolute error of leaving one frame out is within one standard error of the least (Breiman et
-al. 1984), so that ten frames correct little that they do not show clearly. A ridge regression knows
-these errors in closed form: with
-G = (K + ridge I)^-1 and alpha = G r it is mean |alpha_i / G_ii| (Rasmussen and Williams 2006,
-eq. 5.12).
+which vanishes where the ridge is large. The ridge is chosen for every target alone: the largest one
+whose mean absolute error of leaving one frame out is within one standard error of the least
+(Breiman et al. 1984), so that ten frames correct little that they do not show clearly. A ridge
+regression has these errors in closed form: with G = (K + ridge I)^-1 and alpha = G r the mean
+absolute error is mean |alpha_i / G_ii| (Rasmussen and Williams 2006, eq. 5.12).
 """
 
 from __future__ import annotations
@@ -35,16 +34,18 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 RIDGES = tuple(float(ridge) for ridge in 10.0 ** np.arange(-4, 3.1, 0.5))
-"""Shares of the kernel's mean diagonal, which is 1."""
+"""Ridges to try, as shares of the mean diagonal of the features' kernel, which is 1."""
 
 
 LENGTHS = (0.15, 0.3, 0.6, 1.2)
-"""Units of the layout, from the pitch of the pins to the whole sensor."""
+"""Lengths of the differences, in units of the layout: from the pitch of the pins to the whole
+sensor."""
 SHARE = 0.06
 """Share of a field that differs at each length, 0.12 together. Simulated plates of a calibrated
-sensor are .13 to .18 off the real ones. Chosen on the presses of the calibrations."""
+sensor differ from the real ones by 0.13 to 0.18. It was chosen on the presses of the
+calibrations."""
 _JITTER = 1e-6
-"""On the covariance's diagonal, which long lengths make singular."""
+"""Addition to the covariance's diagonal, because long lengths make the covariance singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +61,24 @@ class Differences:
 
     @classmethod
     def on(cls, points: Array, share: float = SHARE) -> Self:
-        """Return those on points (L, 2), units of the layout."""
+        """Return the differences on points.
+
+        Args:
+            points: (L, 2) points, units of the layout.
+            share: Share of a field that differs at each length.
+        """
         square = np.square(points[:, None] - points).sum(axis=-1)
         covariance = sum(np.exp(-0.5 * square / length**2) for length in LENGTHS)
         return cls(share * np.linalg.cholesky(covariance + _JITTER * np.eye(len(points))))
 
     def add(self, moved: Array, rng: np.random.Generator) -> Array:
-        """Return fields (N, 2 L), x of all points before y, each with a difference of its own."""
+        """Return fields (N, 2 L), x of all points before y, each with its own difference."""
         white = rng.standard_normal((2, len(moved), len(self.factor)))
         rms = np.sqrt(np.square(moved).mean(axis=1, keepdims=True))
         return np.asarray(moved + rms * np.concatenate([*(white @ self.factor.T)], axis=1))
 
     def of_components(self, basis: Array) -> Array:
-        """Return (K, K) the factor of the differences in components, basis (2 L, K)."""
+        """Return the factor (K, K) of the differences in the components of a basis (2 L, K)."""
         half = len(self.factor)
         parts = np.concatenate([self.factor.T @ basis[:half], self.factor.T @ basis[half:]])
         # R of Q R has the covariance of the parts: R' R = parts' parts.
@@ -103,7 +109,7 @@ class Correction:
         """Return the correction for labelled frames.
 
         Args:
-            features: (n, F), n > 0.
+            features: (n, F) features of the frames, n > 0.
             lacking: (n, T) targets less answers.
         """
         middle = features.mean(axis=0)
@@ -122,7 +128,13 @@ class Correction:
 
 
 def _choose_ridge(values: Array, vectors: Array, lacking: Array) -> tuple[float, float, Array]:
-    """Return error, ridge and alpha of the largest ridge that is about as good as the best."""
+    """Return error, ridge and alpha of the largest ridge that is about as good as the best.
+
+    Args:
+        values: (n,) eigenvalues of the frames' kernel.
+        vectors: (n, n) eigenvectors of the kernel, one a column.
+        lacking: (n,) one target less its answers.
+    """
     candidates, scatters = [], []
     for ridge in RIDGES:
         inverse = (vectors / (np.maximum(values, 0.0) + ridge)) @ vectors.T
