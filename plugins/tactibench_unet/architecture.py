@@ -24,9 +24,9 @@ class UNetNetwork(nn.Module):
     of Ronneberger et al. 2015 with batch normalisation and padded convolutions; the sigmoid of
     the last layer belongs to the loss (training) and to ``predict``.
 
-    With stride 4 a second convolution takes the place of the first level, the dearest one: the
-    levels start at every second cell, and the head gives the four cells of each (Shi et al. 2016,
-    sub-pixel convolution).
+    With stride 4 a second convolution takes the place of the first level, the most expensive one:
+    the levels start at every second cell, and the head gives the four cells of each (Shi et al.
+    2016, sub-pixel convolution).
     """
 
     mean: torch.Tensor
@@ -46,20 +46,21 @@ class UNetNetwork(nn.Module):
         """Build the layers.
 
         Args:
-            width: channels of the first level.
-            stem: stride of the stem, 1, 2 or 4.
-            cells: rows and columns of the heatmap.
-            channels: maps of the encoder.
-            images: of a frame: itself, or itself and the sensor at rest.
-            mirror: whether x, and y, of frames may be reversed: each at random while it is
-                trained; then the logits are means over the frame and the one with all reversed.
-            faults: share of the frames that it is trained on under faults of camera and light.
+            width: Channels of the first level.
+            stem: Stride of the stem, 1, 2 or 4.
+            cells: Rows and columns of the heatmap.
+            channels: Maps of the encoder.
+            images: Images of a frame: 1, itself; 2, itself and the sensor at rest.
+            mirror: Whether x, and y, of frames may be reversed. In training each is reversed at
+                random; afterwards the logits are means over the frame and the frame with all of
+                these axes reversed.
+            faults: Share of the training frames that are shown under faults of camera and light.
         """
         super().__init__()
         self.mirror = mirror
         self.faults = faults
         self.step = 2 if stem == 4 else 1
-        """Cells a side that one place of the first level gives."""
+        """Cells along each side that one place of the first level gives."""
         self.cells = cells[0] // self.step, cells[1] // self.step
         first = self.step - 1
         widths = [width * 2**level for level in range(first, LEVELS + 1)]
@@ -93,10 +94,14 @@ class UNetNetwork(nn.Module):
 
     @torch.no_grad()
     def initialise(self, images: torch.Tensor, targets: torch.Tensor) -> None:
-        """Fix the input scale to the training frames (uint8) and the output to their mean heat.
+        """Fix the input scale to the training frames and the output to their mean heat.
 
         The head starts at the logit of the mean target, so that the first steps are not spent on
         learning that most of a map is empty.
+
+        Args:
+            images: (N, images, S, S) uint8 frames.
+            targets: (N, channels, H, W) heat, 0..1.
         """
         values = images.float()
         self.mean.copy_(values.mean())

@@ -48,18 +48,18 @@ _RECIPES = RECIPES | {
     )
 }
 _MIXED_EPOCHS = 8
-"""With mixed frames an epoch has half as many steps again: the training stays as short."""
+"""Epochs with mixed frames. Each then has half as many steps again: the training stays as short."""
 _HEADROOM = {"default": 0.7, "paper": 1.0}
-"""Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for
-infinite logits, and a short training leaves them too shallow; published is 1."""
+"""Share of the sigmoid's range in which heat 0..1 is learned. At 1 the deepest contacts ask for
+infinite logits, and a short training leaves them too shallow; the published value is 1."""
 _PRIORS: dict[str, Prior] = {"dome": "nominal mechanics", "none": "plain addition"}
-"""Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
+"""Parameter ``neighbours`` -> prior knowledge of the model, as a row states it."""
 _EMPTY = 0.05
-"""Empty frames to learn from under faults, as a share of the frames."""
+"""Empty frames that are added to a training under faults, as a share of its frames."""
 _HELD_OUT = 400
-"""Mixed frames that are kept from the training, at most: validation presses of a protocol."""
+"""Most mixed frames that are kept back from the training: as many as protocols validate on."""
 _SHARES = np.linspace(0, 0.3, 13)
-"""Least scores of a further contact that are tried, as shares of the highest one's."""
+"""Least scores of a further contact to try, as shares of the highest score."""
 
 
 class UNet(LearnedModel):
@@ -68,7 +68,7 @@ class UNet(LearnedModel):
     With the rest image the first convolutions see what moved.
 
     Raises:
-        UserError: without an encoder and for a grid that four poolings do not divide.
+        UserError: There is no encoder, or four poolings do not divide the grid.
     """
 
     name = "unet"
@@ -139,7 +139,7 @@ class UNet(LearnedModel):
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         """Return (N, 1 or 2, S, S) uint8: the frames and, where it is shown, the sensor at rest.
 
-        Those of another sensor are then seen on the layout of the first one of the training.
+        Frames of another sensor are then seen on the layout of the first training frame's sensor.
         """
         if self._aligned is None:
             return image_tensor(frames, self.architecture["size"])
@@ -179,7 +179,7 @@ class UNet(LearnedModel):
         return layer_features(network, self.inputs([frame]).to(self.context.device))
 
     def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Return rest images to say under faults, too, that nothing touches."""
+        """Return rest images, which show under faults, too, that nothing touches; else none."""
         return resting_frames(frames, _EMPTY) if self._faults else []
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
@@ -201,20 +201,20 @@ class UNet(LearnedModel):
     def mix(
         self, frames: Sequence[Frame], truth: Sequence[Answer], count: int, rng: np.random.Generator
     ) -> tuple[list[Frame], list[Contacts]]:
-        """Return mixed frames that are no more alike to real ones than the law of neighbours is.
+        """Return ``count`` mixed frames that are as unlike real ones as the law of neighbours is.
 
         As many more, at most ``_HELD_OUT``, are kept back to choose what counts as a contact.
 
         Raises:
-            UserError: for frames of which none can be made, and an encoder of single contacts.
+            UserError: The frames do not allow mixing, or the encoder shows single contacts only.
         """
         from tactibench.superposition import MISFIT, NeighbourLaw, mix
 
         pair = Contacts.truth([[-3.0, 0.0], [3.0, 0.0]], [1.0, 1.0])
         self._encoder.encode(pair, self.context.grid)  # raises where it shows one contact only
         law = NeighbourLaw.none() if self._neighbours == "none" else None
-        made = count + min(_HELD_OUT, count)
-        mixed, contacts = mix(frames, truth, made, rng, law, misfit=MISFIT)
+        total = count + min(_HELD_OUT, count)
+        mixed, contacts = mix(frames, truth, total, rng, law, misfit=MISFIT)
         self._held_out = mixed[count:], contacts[count:]
         return mixed[:count], contacts[:count]
 
@@ -227,9 +227,9 @@ class UNet(LearnedModel):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Train, then choose how high a further contact must stand beside the highest.
+        """Train, then choose how high the score of a further contact must be.
 
-        It is chosen on the validation frames and mixed ones that were not learned from.
+        It is chosen on the validation frames and on mixed frames that were not learned from.
         """
         self._least, self._held_out = 0.0, ([], [])
         report = super().fit(frames, truth, validation=validation, rng=rng, progress=progress)
@@ -262,7 +262,8 @@ class UNet(LearnedModel):
 def least_share(predicted: Sequence[Answer | None], truth: Sequence[Answer]) -> float:
     """Return the share of the highest score below which a contact is best left out.
 
-    With it the number of contacts is most often right; of several such shares the least.
+    With this share the number of contacts is most often right; of several such shares it is the
+    least.
     """
     right = [
         sum(
@@ -279,16 +280,16 @@ def _without_bumps(contacts: Contacts, share: float) -> Contacts:
     """Return the contacts whose score is at least this share of the highest."""
     if len(contacts) < 2 or not share:
         return contacts
-    kept = contacts.score >= share * contacts.score.max()
+    high = contacts.score >= share * contacts.score.max()
     return (
         contacts
-        if kept.all()
-        else Contacts(contacts.xy[kept], contacts.depth[kept], contacts.score[kept])
+        if high.all()
+        else Contacts(contacts.xy[high], contacts.depth[high], contacts.score[high])
     )
 
 
 def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:
-    """Return whether a mirrored contact gives the mirrored maps: not where maps hold steps."""
+    """Return whether a mirrored contact gives mirrored maps, unlike maps that hold steps."""
     x, y = grid.xy(0.6 * grid.shape[0], 0.7 * grid.shape[1])
     middle_x = grid.xy((grid.shape[0] - 1) / 2, (grid.shape[1] - 1) / 2)[0]
     reflected = encoder.encode(Contacts.truth([[2 * middle_x - x, y]], [2.0]), grid)
@@ -303,5 +304,5 @@ def _rest_image(frames: Sequence[Frame], size: int) -> Image | None:
 
 
 def _sized(rest: Image, size: int) -> torch.Tensor:
-    """(1, size, size) uint8 gray."""
+    """Return a rest image as (1, size, size) uint8, gray."""
     return image_tensor([Frame(rest, 0.0, Pose())], size)[0]

@@ -10,23 +10,29 @@ from torch.nn import functional as F  # noqa: N812
 Images = torch.Tensor
 
 GAIN = (0.35, 2.2)
-"""Least and most light, of that of the frame."""
+"""Least and greatest factor on the light of a frame."""
 SHIFT_PX, ROTATION_DEG, BLUR_PX, NOISE = 1.2, 3.5, 1.2, 12.0
-"""Most of each, of frames of 128 px: a little more than what a model is to bear."""
+"""Greatest values for frames of 128 px, noise in grey levels: a little more than what a model has
+to bear."""
 GLARE_PX, LOST_PINS = 12.0, 4
-"""Most of the radius of a reflection, and of the pins that lose their tip."""
+"""Greatest radius of a reflection, for frames of 128 px, and most pins that lose their tip."""
 _OFTEN = 1 / 3
-"""Share of the frames that one fault hits: most are seen with one or two, as in use."""
+"""Share of the frames that each fault hits: most frames show one or two faults, as in use."""
 _PIN_PX = 3.0
-"""Radius within which a lost pin is painted over."""
+"""Radius within which a lost pin is painted over, for frames of 128 px."""
 _REFERENCE_PX = 128
+"""Side of the frames to which the lengths above belong."""
 
 
 def disturb(images: Images, share: float) -> Images:
-    """Return images (B, C, S, S), grey levels 0..255, with the first of some under faults.
+    """Return images (B, C, S, S), grey levels 0..255, with some frames under faults.
 
-    Those are moved, and each other fault hits one in three at a random amount. The other frames,
-    and rest frames, stay as they are.
+    Frames under faults are moved, and each other fault hits one in three of them at a random
+    amount. All other frames, and the rest images beside frames, stay as they are.
+
+    Args:
+        images: (B, C, S, S) grey levels, for each frame itself, and its rest image where C is 2.
+        share: Share of the frames that are under faults: the first ones.
     """
     count = round(share * len(images))
     if not count:
@@ -47,7 +53,7 @@ def disturb(images: Images, share: float) -> Images:
 
 
 def _uniform(frames: Images, low: float, high: float) -> torch.Tensor:
-    """One number a frame, (B, 1, 1, 1)."""
+    """Return one random number a frame, (B, 1, 1, 1)."""
     return low + (high - low) * torch.rand(len(frames), 1, 1, 1, device=frames.device)
 
 
@@ -66,7 +72,7 @@ def _move(frames: Images, shift_px: float, degrees: float) -> Images:
 
 
 def _blur(frames: Images, most_px: float) -> Images:
-    """Smooth by a Gaussian of a width of each frame's own."""
+    """Smooth each frame by a Gaussian of its own width."""
     reach = math.ceil(3 * most_px)
     steps = torch.arange(-reach, reach + 1, device=frames.device, dtype=frames.dtype)
     sigma = _uniform(frames, 0.05, most_px).flatten()
@@ -78,7 +84,7 @@ def _blur(frames: Images, most_px: float) -> Images:
 
 
 def _lose_pins(frames: Images, radius: float) -> Images:
-    """Paint over what is bright at a few random places, with the darkest around."""
+    """Paint over bright pixels at a few random places, with the darkest grey around them."""
     ground = -F.max_pool2d(-frames, 2 * math.ceil(radius) + 3, 1, math.ceil(radius) + 1)
     gone = torch.zeros_like(frames)
     for _ in range(LOST_PINS):
@@ -99,12 +105,15 @@ def _relight(frames: Images) -> Images:
 
 
 def _add_noise(frames: Images) -> Images:
-    """Add noise of a deviation of each frame's own, mostly small."""
+    """Add noise to each frame with its own deviation, which is mostly small."""
     return frames + NOISE * _uniform(frames, 0, 1).square() * torch.randn_like(frames)
 
 
 def _distance(frames: Images, share: float) -> torch.Tensor:
-    """(B, 1, S, S) px from a place in the middle ``share`` of either side, one a frame."""
+    """Return the distances (B, 1, S, S), px, from a random place of each frame.
+
+    The place lies in the middle ``share`` of either side.
+    """
     side = frames.shape[-1]
     axis = torch.arange(side, device=frames.device, dtype=frames.dtype)
     half = share * (side - 1) / 2
