@@ -14,34 +14,42 @@ from tactibench_vgnn.features import NEAREST, NODE
 _GEOMETRY = 3
 """Numbers about an edge: the step from a pin to its neighbour, in pitches, and its length."""
 _BASIS = 6
-"""Weights of an edge in a round of messages: a pin receives so many weighted sums."""
+"""Weights of an edge in a round of messages: a pin receives as many weighted sums."""
 _POOLS = 16
 """Weighted sums over all pins that the global token consists of."""
 _TOKEN = 256
 """Units of the dense layers between these sums and the features that pins get back."""
 _WAVES = (0.5, 1.0, 2.0)
-"""A pin's place enters as sines and cosines with so many half periods over the layout's half."""
+"""Half periods, over half the layout, of the sines and cosines in which a pin's place enters."""
 _OUTPUTS = 7
 """Raw outputs of a pin, as ``tactibench.training.mixture_values`` reads them; the first is the
 logit of presence."""
 _FIRST_LOGIT = -4.0
-"""First logit of presence: two contacts among 127 pins before anything is learned."""
+"""First logit of presence: it expects two contacts among 127 pins before anything is learned."""
 
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The neighbours of every pin."""
+    """The neighbours of every pin.
+
+    Attributes:
+        near: (P, K) or (B, P, K) numbers of the neighbours.
+        there: (..., P, K, 1), 1 where there is a neighbour and 0 where there is none.
+        apart: (..., P, K, 3) geometry of the edges at rest.
+    """
 
     near: torch.Tensor
-    """(P, K) or (B, P, K) pins."""
     there: torch.Tensor
-    """(..., P, K, 1), 0 where there is no neighbour."""
     apart: torch.Tensor
-    """(..., P, K, 3), geometry of the edges at rest."""
 
     @classmethod
     def of(cls, table: torch.Tensor, place: torch.Tensor) -> Edges:
-        """Return the edges of a table (..., P, K) with -1 for none; place: (P, 2) in pitches."""
+        """Return the edges of a table of neighbours.
+
+        Args:
+            table: (..., P, K) neighbours, -1 for none.
+            place: (P, 2) places of the pins at rest, in pitches.
+        """
         near = table.clamp_min(0)
         step = place[near] - place[:, None]
         apart = torch.cat([step, step.norm(dim=-1, keepdim=True)], dim=-1)
@@ -49,7 +57,7 @@ class Edges:
         return cls(near, there, apart * there)
 
     def gather(self, nodes: torch.Tensor) -> torch.Tensor:
-        """Return (B, P, K, W) features of every pin's neighbours, of nodes (B, P, W)."""
+        """Return the features (B, P, K, W) of every pin's neighbours, from nodes (B, P, W)."""
         batch, pins, width = nodes.shape
         if self.near.ndim == 2:
             gathered = nodes.index_select(1, self.near.flatten())
@@ -92,7 +100,7 @@ class Messages(nn.Module):
         self.fixed: torch.Tensor | None = None
 
     def weights(self, edges: Edges) -> torch.Tensor:
-        """Return (..., P, 6, K) weights of the edges."""
+        """Return the weights (..., P, 6, K) of the edges."""
         if self.fixed is not None:
             return self.fixed
         weights: torch.Tensor = self.weigh(edges.apart) * edges.there / 2
@@ -126,7 +134,7 @@ class Token(nn.Module):
         self.fixed: torch.Tensor | None = None
 
     def weights(self, place: torch.Tensor) -> torch.Tensor:
-        """Return (P, 32) weights of the pins, half of them for the way back."""
+        """Return the weights (P, 32) of pins at places (P, 2), half of them for the way back."""
         if self.fixed is not None:
             return self.fixed
         weights: torch.Tensor = self.weigh(place)
@@ -143,9 +151,15 @@ class Token(nn.Module):
 class GraphNetwork(nn.Module):
     """(B, P, F) features of pins -> (B, 7, P) raw outputs of a mixture with one anchor a pin.
 
-    place: (P, 2) of the pins at rest, any unit. table: (P, K) neighbours at rest, -1 for none;
-    None: every frame brings its own after the features of its pins. Every second round of messages
-    is followed by the token.
+    Every second round of messages is followed by the token.
+
+    Args:
+        place: (P, 2) places of the pins at rest, any unit.
+        pitch: Distance of neighbouring pins, in the same unit.
+        table: (P, K) neighbours at rest, -1 for none; None: every frame brings its own neighbours
+            after the features of its pins.
+        width: Features of a pin.
+        layers: Rounds of messages.
     """
 
     place: torch.Tensor
@@ -201,7 +215,7 @@ class GraphNetwork(nn.Module):
         return raw
 
     def with_fixed_weights(self) -> GraphNetwork:
-        """Return a copy for inference with the weights computed that depend on the rest alone."""
+        """Return a copy for inference, in which weights that depend on the rest alone are fixed."""
         copied = copy.deepcopy(self).eval()
         with torch.no_grad():
             for token in copied.tokens:

@@ -22,13 +22,16 @@ _LONGEST = 2.0
 
 
 def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
-    """Return (N, P, 5) features of the pins.
-
-    Where each frame has its own graph ("frame") they are (N, P, 5 + 8), with the numbers of the
-    pin's neighbours, -1 for none.
+    """Return the features (N, P, 5) of the pins of N frames.
 
     Displacement and growths are divided by their rms over the training frames; a growth is the
     logarithm of an area or a radius over that at rest.
+
+    Args:
+        tracks: Tracked pins of the frames.
+        layout: Layout of the pins.
+        graph: "frame": each frame has its own graph, and the features are (N, P, 5 + 8), with the
+            numbers of the pin's neighbours, -1 for none; "rest": they have no such numbers.
     """
     count = len(tracks)
     features = np.zeros((count, len(layout.rest), NODE + NEAREST * (graph == "frame")), np.float32)
@@ -47,18 +50,22 @@ def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
 
 
 def neighbour_table(edges: Table, xy: npt.NDArray[np.float64]) -> Table:
-    """Return (P, 8) neighbours of each pin by edges (E, 2), nearest first; -1 for none.
+    """Return the neighbours (P, 8) of each pin, nearest first; -1 for none.
 
-    Long edges run along the hull between pins that are no neighbours on the skin; of them a pin
-    keeps one where it has no other.
+    Long edges run along the hull between pins that are no neighbours on the skin; a pin keeps one
+    of them where it has no other edge.
+
+    Args:
+        edges: (E, 2) numbers of the pins that an edge joins.
+        xy: (P, 2) places of the pins, px.
     """
     table = np.full((len(xy), NEAREST), NO_PIN, dtype=np.int64)
     if not len(edges):
         return table
-    both = np.concatenate([edges, edges[:, ::-1]])
-    length = np.linalg.norm(xy[both[:, 0]] - xy[both[:, 1]], axis=1)
-    order = np.lexsort((both[:, 1], length, both[:, 0]))
-    pin, neighbour = both[order].T
+    directed = np.concatenate([edges, edges[:, ::-1]])
+    length = np.linalg.norm(xy[directed[:, 0]] - xy[directed[:, 1]], axis=1)
+    order = np.lexsort((directed[:, 1], length, directed[:, 0]))
+    pin, neighbour = directed[order].T
     rank = np.arange(len(pin)) - np.searchsorted(pin, pin)
     short = length[order] <= _LONGEST * np.median(length)
     listed = (rank < NEAREST) & (short | (rank == 0))

@@ -1,4 +1,4 @@
-"""The layout of a sensor's pins, learned from training frames: where in mm each of them stands."""
+"""The layout of a sensor's pins, learned from training frames: the place of each pin in mm."""
 
 from __future__ import annotations
 
@@ -15,23 +15,27 @@ from tactibench.markers import Tracks, pin_graph
 Array = npt.NDArray[np.float64]
 
 _SHARPNESS = 3
-"""Power of a pin's displacement with which it weighs in the centre of a press: at 3 the centre
-tells the contact best (0.21 mm on the default sensor; 0.29 at 1, 0.25 at 4)."""
+"""Power of a pin's displacement that is its weight in the centre of a press: at 3 the centre tells
+the contact best (0.21 mm on the default sensor; 0.29 mm at 1, 0.25 mm at 4)."""
 _REACH = 2.5
-"""A pin may report contacts this many times farther away than any is from its nearest pin."""
+"""A pin may report contacts this many times farther away than any contact is from its nearest
+pin."""
 _SMALLEST_AREA = 1e-3
 """Smallest area of a Voronoi cell, as a share of the median: pins on one spot have none."""
 
 
 @dataclass(frozen=True, eq=False)
 class PinLayout:
-    """Pins of a sensor at rest, and the scales of their motion.
+    """Pins of a sensor at rest, and the scales of their motion over the training frames.
 
-    rest: (P, 2) px. radius: (P,) px, of the pins' pictures, 0 where unknown. affine: (3, 2),
-    [x, y, 1] px -> mm.
-    moved_px, grown, swollen: rms displacement, px, and rms logarithms of the change of a Voronoi
-    cell's area and of a picture's radius over the training frames. reach_mm: how far from a pin the
-    contacts may lie that it reports.
+    Attributes:
+        rest: (P, 2) places of the pins at rest, px.
+        radius: (P,) radii of the pins' pictures at rest, px; 0 where unknown.
+        affine: (3, 2) map from [x, y, 1], px, to mm.
+        moved_px: Rms displacement of a pin.
+        grown: Rms logarithm of the change of a Voronoi cell's area.
+        swollen: Rms logarithm of the change of a picture's radius.
+        reach_mm: Greatest distance from a pin of the contacts that it reports.
     """
 
     rest: Array
@@ -44,9 +48,15 @@ class PinLayout:
 
     @classmethod
     def learn(cls, tracks: Tracks, rest: Tracks, truth: Sequence[Contacts]) -> Self:
-        """Fit the scales to tracked frames and their contacts (to single ones alone: affine).
+        """Return the layout that is fitted to tracked frames; ``affine`` to single contacts alone.
 
-        rest: the one frame of the sensor at rest.
+        Args:
+            tracks: Tracked pins of the frames.
+            rest: Tracked pins of the one frame of the sensor at rest.
+            truth: Contacts of the frames.
+
+        Raises:
+            UserError: Fewer than three frames have a single contact that moves pins.
         """
         pins = rest.xy[0]
         radius = np.nan_to_num(rest.radius[0])
@@ -64,21 +74,21 @@ class PinLayout:
 
     @property
     def anchors(self) -> Array:
-        """(P, 2) places of the pins at rest, mm: where a press on each is centred."""
+        """Places (P, 2) of the pins at rest, mm: where a press on each is centred."""
         places: Array = np.c_[self.rest, np.ones(len(self.rest))] @ self.affine
         return places
 
     def growth(self, areas: Array) -> Array:
-        """Return (N, P) the logarithm of Voronoi areas (N, P) px^2 over those at rest."""
+        """Return the logarithm (N, P) of Voronoi areas (N, P), px^2, over those at rest."""
         usual = pin_graph(self.rest).area
         least = _SMALLEST_AREA * float(np.median(usual))
         ratio: Array = np.log(np.maximum(areas, least) / np.maximum(usual, least))
         return ratio
 
     def swelling(self, radius: Array) -> Array:
-        """Return (N, P) the logarithm of radii (N, P) px over those at rest; 0 where unknown."""
-        both = (radius > 0) & (self.radius > 0)  # false for NaN
-        ratio: Array = np.where(both, radius, 1.0) / np.where(both, self.radius, 1.0)
+        """Return the logarithm (N, P) of radii (N, P), px, over those at rest; 0 where unknown."""
+        measured = (radius > 0) & (self.radius > 0)  # false for NaN
+        ratio: Array = np.where(measured, radius, 1.0) / np.where(measured, self.radius, 1.0)
         return np.asarray(np.log(ratio), dtype=np.float64)
 
     def to_json(self) -> dict[str, Any]:
@@ -93,7 +103,13 @@ class PinLayout:
 
 
 def _affine(xy: Array, rest: Array, truth: Sequence[Contacts]) -> Array:
-    """(3, 2) least-squares map from the centre of a single press, px, to its contact, mm."""
+    """Return the least-squares map (3, 2) from the centre of a press, px, to its contact, mm.
+
+    Only frames with a single contact are used.
+
+    Raises:
+        UserError: Fewer than three frames have a single contact that moves pins.
+    """
     single = np.array([len(contacts) == 1 for contacts in truth])
     centre, moved = press_centres(xy[single], rest)
     if np.count_nonzero(moved) < 3:
@@ -107,9 +123,14 @@ def _affine(xy: Array, rest: Array, truth: Sequence[Contacts]) -> Array:
 
 
 def press_centres(xy: Array, rest: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return (N, 2) mean places of the pins at rest, weighted by their displacement cubed, px.
+    """Return the centres (N, 2) of presses, px, and whether any pin moved (N,).
 
-    Also (N,) whether any pin moved; the centre is the middle of the layout where none did.
+    A centre is the mean place of the pins at rest, weighted by their displacement cubed; it is the
+    middle of the layout where no pin moved.
+
+    Args:
+        xy: (N, P, 2) places of the pins, px.
+        rest: (P, 2) places of the pins at rest, px.
     """
     weight = np.linalg.norm(xy - rest, axis=-1) ** _SHARPNESS
     total = weight.sum(axis=1, keepdims=True)
@@ -119,6 +140,6 @@ def press_centres(xy: Array, rest: Array) -> tuple[Array, npt.NDArray[np.bool_]]
 
 
 def _rms(values: Array) -> float:
-    """Root mean square; 1 where nothing ever changes."""
+    """Return the root mean square of values; 1 where nothing ever changes."""
     rms = float(np.sqrt(np.square(values).mean())) if values.size else 0.0
     return rms if rms > 1e-6 else 1.0

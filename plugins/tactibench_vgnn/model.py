@@ -28,26 +28,26 @@ RECIPE = Recipe(
     epochs=20, batch=32, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2, precision="float32"
 )
 _THRESHOLD = 0.05
-"""Expected number of contacts from which one is reported. Low, for between two pins each may leave
-a contact to the other: at 0.5 one press in 130 was missed on the default sensor (validation); on
-its test presses of exp1 one had 0.06."""
+"""Expected number of contacts from which a contact is reported. It is low because between two pins
+each may leave a contact to the other: at 0.5 one press in 130 was missed on the default sensor
+(validation); on its test presses of exp1 one press had 0.06."""
 _MERGE_MM = 3.0
-"""Pins whose contacts lie closer than a tip's radius report the same one."""
+"""Pins whose contacts lie closer than a tip's radius report the same contact."""
 _SCALE_FRAMES = 400
 """Training frames, spread evenly, from which the scales of the layout are learned."""
 _RESTING_SHARE = 0.02
 """Frames at rest that are added to a training, as a share of its frames."""
 _NO_PINS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-"""Stands for the layout until there is one."""
+"""Places of pins that stand for the layout until there is one."""
 
 
 class VGNN(MixtureModel):
     """Voronoi graph network (compare Fan et al. 2023, Tac-VGNN) that gives a set of contacts.
 
     Every pin is an anchor of a mixture of Gaussians: it gives the probability that it reports a
-    contact, and where and how deep that is. The pins and the graph of the undeformed sensor are
-    taken from the rest image of the first training frame, or from the frame that is pressed least.
-    Pins of other sensors are taken to this layout (``AlignedSensors``).
+    contact, and where and how deep that contact is. The pins and the graph of the undeformed sensor
+    are taken from the rest image of the first training frame, or from the frame that is pressed
+    least. Pins of other sensors are mapped to this layout (``AlignedSensors``).
     """
 
     name = "vgnn"
@@ -67,7 +67,7 @@ class VGNN(MixtureModel):
         self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
 
     def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Return the sensor at rest: no contact, which is no plate pose."""
+        """Return frames of the sensor at rest, without contact; none for plates."""
         if self.context.answer == "plate":
             return []
         return resting_frames(frames, _RESTING_SHARE)
