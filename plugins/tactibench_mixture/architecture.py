@@ -15,8 +15,8 @@ CHANNELS = 7
 _FIRST_LOG_STD = 0.3
 """Log std of a cell before anything is learned, log mm."""
 _PRESENCE_GAIN = 4.0
-"""Factor on the logit of presence. It has the longest way to go, but an optimiser that divides by
-the size of the gradients (Adam) moves all weights at the same pace."""
+"""Factor on the logit of presence. This logit has the longest way to go, but an optimiser that
+divides by the size of the gradients (Adam) moves all weights at the same pace."""
 
 
 class MixtureNetwork(nn.Module):
@@ -27,8 +27,11 @@ class MixtureNetwork(nn.Module):
     block starts as the identity (as in Fixup, Zhang et al. 2019). The field enters with the
     coordinates of its cells, because a dome does not look the same from place to place.
 
-    mirror: whether, in training, frames are mirrored at random with x, and with y, reversed, and
-    the outputs mirrored back.
+    Args:
+        width: Channels of the finest level.
+        side: Cells along a side of the field, 2 n.
+        mirror: Whether, in training, frames are mirrored at random with x, and with y, reversed,
+            and the outputs mirrored back.
     """
 
     scale: torch.Tensor
@@ -57,9 +60,11 @@ class MixtureNetwork(nn.Module):
 
     @torch.no_grad()
     def initialise(self, fields: torch.Tensor, contacts: torch.Tensor) -> None:
-        """Fix the scale to the training fields (N, 2, S, S) and start at their count of contacts.
+        """Fix the scale to the training fields and start at their count of contacts.
 
-        contacts: (N, K, 3), rows of NaN for none.
+        Args:
+            fields: (N, 2, S, S) displacements, px.
+            contacts: (N, K, 3) contacts, rows of NaN for none.
         """
         self.scale.copy_(1 / fields.square().mean().sqrt().clamp_min(1e-6))
         cells = self.place[0, 0].numel() / 4
@@ -122,7 +127,7 @@ class Head(nn.Module):
 
     @torch.no_grad()
     def initialise(self, presence: float) -> None:
-        """Set the probability that every cell begins with."""
+        """Set the probability of a contact with which every cell begins."""
         self.bias.zero_()
         self.bias[0] = math.log(presence / (1 - presence)) / _PRESENCE_GAIN
         self.bias[4:] = _FIRST_LOG_STD

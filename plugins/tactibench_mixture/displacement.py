@@ -15,7 +15,7 @@ from tactibench.training import pack_image, unpack_image
 Floats = npt.NDArray[np.float32]
 
 _SYMMETRIC_PX = 0.05
-"""Rms distance of mirrored pins from pins, up to which they are the same."""
+"""Rms distance of mirrored pins from the pins up to which they are the same pins."""
 
 
 class DisplacementField:
@@ -26,7 +26,12 @@ class DisplacementField:
     """
 
     def __init__(self, pins: PinTracker, cells: int) -> None:
-        """pins: that are the layout. cells: along a side."""
+        """Compute the matrix from displacements of pins to cells.
+
+        Args:
+            pins: Tracker of the pins that are the layout.
+            cells: Cells along a side.
+        """
         self.pins = pins
         self.cells = cells
         axis = (np.arange(cells) + 0.5) * pins.side / cells - 0.5
@@ -35,7 +40,7 @@ class DisplacementField:
         self._spread: Floats = np.asarray(spread, dtype=np.float32)
 
     def __call__(self, tracks: Tracks) -> Floats:
-        """Return (N, 2, cells, cells) displacements in x and y, px, of pins on the layout."""
+        """Return displacements in x and y, (N, 2, cells, cells), px, from pins on the layout."""
         moved = (tracks.xy - self.pins.rest).astype(np.float32)
         field = np.matmul(self._spread, moved).transpose(0, 2, 1)
         shape = (len(tracks), 2, self.cells, self.cells)
@@ -43,7 +48,7 @@ class DisplacementField:
 
     @property
     def symmetry(self) -> tuple[bool, bool]:
-        """True where the pins at rest are their own mirror image with x, and with y, reversed."""
+        """Whether the pins at rest are their own mirror image with x, and with y, reversed."""
         pins, last = self.pins.rest, self.pins.side - 1
         return _coincide(pins, np.abs([last, 0] - pins)), _coincide(pins, np.abs([0, last] - pins))
 

@@ -21,19 +21,21 @@ RECIPE = Recipe(
 _FINER = 2
 """Cells of the displacement field along a cell of the mixture."""
 _REACH = 0.75
-"""Cells that a contact may lie from the centre of the cell that reports it, in x and in y. The
-nearest cell needs half a cell; the further others reach, the later they agree on who reports."""
+"""Greatest distance, in cells, of a contact from the centre of the cell that reports it, in x and
+in y. The nearest cell needs half a cell; the further the other cells reach, the later they agree on
+which of them reports."""
 
 
 class Mixture(MixtureModel):
     """A network that reports contacts cell by cell; compare DECODE (Speiser et al. 2021).
 
-    Each of some coarse cells gives the probability that it holds a contact, where and how deep
-    that is, and how sure it is. The input is the displacement field of the pins since their own
-    rest image, on the layout of the first training frame's sensor (``AlignedSensors``).
+    Each of some coarse cells gives the probability that it holds a contact, where and how deep that
+    contact is, and how sure the cell is. The input is the displacement field of the pins since
+    their own rest image, on the layout of the first training frame's sensor (``AlignedSensors``).
 
     Raises:
-        UserError: without an encoder of this kind and for a grid that ``cells`` do not divide.
+        UserError: The encoder is not of kind mixture, or the grid is no square whose side is a
+            multiple of ``cells``.
     """
 
     name = "mixture"
@@ -103,7 +105,11 @@ class Mixture(MixtureModel):
 
 
 def _coarse(grid: Grid, cells: int) -> Grid:
-    """Return a grid of cells x cells over the same square."""
+    """Return a grid of cells x cells over the same square.
+
+    Raises:
+        UserError: The grid is no square whose side is a multiple of ``cells``.
+    """
     rows, columns = grid.shape
     if rows != columns or rows % cells:
         raise UserError(
