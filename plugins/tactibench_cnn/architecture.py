@@ -10,7 +10,7 @@ from torch import nn
 from tactibench.training import relight
 
 _SIDE = 4
-"""Fewest cells a side that the convolutions leave for the dense layers."""
+"""Fewest cells along a side that the convolutions leave for the dense layers."""
 
 
 class CNNNetwork(nn.Module):
@@ -18,8 +18,16 @@ class CNNNetwork(nn.Module):
 
     A 5x5 convolution of stride 2, then blocks of 3x3 convolution, batch normalisation, ReLU and
     2x2 max pooling with doubling channels until 4 to 7 cells a side are left, then two dense
-    layers: the shape of the regression networks that are usual for the TacTip. ``images``: of a
-    frame, itself, or itself in the light of the sensor at rest, and that.
+    layers: the shape of the regression networks that are usual for the TacTip.
+
+    Args:
+        width: Channels of the first block.
+        size: Side of the frames S, px.
+        hidden: Units of the dense layer.
+        values: Number of targets.
+        presence: Whether there is an output for the logit of a presence.
+        images: Images of a frame: 1, itself; 2, itself in the light of the sensor at rest, and the
+            sensor at rest.
     """
 
     mean: torch.Tensor
@@ -48,9 +56,14 @@ class CNNNetwork(nn.Module):
 
     @torch.no_grad()
     def initialise(self, images: torch.Tensor, with_contact: int, without: int) -> None:
-        """Fix the input scale to the training frames (uint8), and the first presence to theirs.
+        """Fix the input scale to the training frames, and the first presence to their share.
 
         One frame with and one without a contact are added (Laplace's rule).
+
+        Args:
+            images: (N, images, S, S) uint8 frames.
+            with_contact: Number of frames with a contact.
+            without: Number of frames without a contact.
         """
         values = images.float()
         self.mean.copy_(values.mean())

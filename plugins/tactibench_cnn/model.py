@@ -33,7 +33,8 @@ from tactibench_cnn.architecture import CNNNetwork
 _RECIPES = RECIPES | {
     "default": replace(RECIPES["default"], epochs=11, optimiser="muon", learning_rate=6e-3)
 }
-"""As many epochs as fit into eight minutes on one core of an AMD EPYC; 8 at 4e-3 end 7 % worse."""
+"""As many epochs as fit into eight minutes on one core of an AMD EPYC; 8 epochs at a learning rate
+of 4e-3 end 7 % worse."""
 _HIDDEN = 128
 """Units of the dense layer."""
 _RESTING_SHARE = 0.05
@@ -45,9 +46,9 @@ _PRESENT = 0.5
 class CNN(LearnedModel):
     """Regression baseline: a contact and the probability that there is one, or a plate pose.
 
-    It sees the frame in the light of the sensor at rest, and the sensor at rest beside it.
-    That there may be no contact is learned from the sensor at rest, as the frames bring it, and
-    from training frames without contact. A frame with several contacts is refused.
+    It sees the frame in the light of the sensor at rest, and the sensor at rest beside it. From the
+    rest images of the frames, and from training frames without contact, it learns that there may be
+    no contact. A frame with several contacts is refused.
     """
 
     name = "cnn"
@@ -89,7 +90,7 @@ class CNN(LearnedModel):
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         """Return (N, 1 or 2, S, S) uint8: the frames and, where it is shown, the sensor at rest.
 
-        Those of another sensor are then seen on the layout of the first one of the training.
+        Frames of another sensor are then seen on the layout of the first training frame's sensor.
         """
         if self._aligned is None:
             return image_tensor(frames, self.architecture["size"])
@@ -99,14 +100,14 @@ class CNN(LearnedModel):
         return resting_frames(frames, _RESTING_SHARE) if self._contacts else []
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        """Return (N, T) in standard deviations, rows of NaN where there is no contact."""
+        """Return targets (N, T) in standard deviations, rows of NaN where there is no contact."""
         values = answer_vectors(truth, self.context.answer, self.name)
         return torch.from_numpy(self._normalisation.apply(values)).float()
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
         """Return the Huber loss of the answers, plus the cross-entropy of a contact's presence.
 
-        The knee is at a tenth of a deviation, for the metric is an absolute error.
+        The knee is at a tenth of a deviation, because the metric is an absolute error.
         """
         present = ~targets.isnan().any(dim=1)
         values = outputs[:, : targets.shape[1]]
