@@ -1,4 +1,4 @@
-"""Labels as arrays and back, and the file that both baselines keep their weights in."""
+"""Labels as arrays and back, and the file in which both baselines store their weights."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def pack(truth: Sequence[Answer], answer: str) -> Arrays:
         "plate": depth (N,) in mm and tilt (N,) in deg.
 
     Raises:
-        TypeError: For a label of the other kind.
+        TypeError: A label is of the other kind.
     """
     if answer == "plate":
         plates = _all_of(PlatePose, truth)
@@ -70,12 +70,17 @@ def write(path: Path, arrays: dict[str, Any]) -> None:
 
 
 def read(path: Path, answer: str, *names: str, optional: str = "") -> Arrays:
-    """Read the arrays of ``pack`` and those in ``names`` from a file. Nothing is unpickled.
+    """Read the arrays of ``pack`` and others from a file. Nothing is unpickled.
 
-    The file may hold one more array, ``optional``.
+    Args:
+        path: The file.
+        answer: "contacts" or "plate".
+        names: Further arrays that the file must hold.
+        optional: One more array that it may hold.
 
     Raises:
-        UserError: For a file that is missing or damaged, or holds labels of another kind.
+        UserError: The file is missing or damaged, or holds other arrays, such as labels of another
+            kind.
     """
     expected = {*names, *pack((), answer)}
     try:

@@ -47,7 +47,11 @@ class MeanModel(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Average the labels. Raises UserError without any."""
+        """Average the labels.
+
+        Raises:
+            UserError: There is no label.
+        """
         del validation, rng, progress
         start = time.perf_counter()
         if not len(truth):
@@ -64,13 +68,13 @@ class MeanModel(Model):
         )
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
-        """Return the mean, once a frame."""
+        """Return the mean, once for each frame."""
         if self._mean is None:
             raise UserError("model 'mean' has learned nothing yet; train it or load weights first.")
         return [self._mean] * len(frames)
 
     def stages(self) -> Sequence[tuple[str, Any]]:
-        """Return one phase."""
+        """Return the one phase of ``predict``."""
         return [("forward", self.predict)]
 
     def save(self, directory: Path) -> None:
@@ -80,5 +84,9 @@ class MeanModel(Model):
         write(directory / "mean.npz", pack([self._mean], self._answer_kind))
 
     def load(self, directory: Path) -> None:
-        """Read mean.npz. Raises UserError when that is not what ``save`` wrote."""
+        """Read mean.npz.
+
+        Raises:
+            UserError: The file is missing or damaged, or holds labels of another kind.
+        """
         (self._mean,) = unpack(read(directory / "mean.npz", self._answer_kind))

@@ -58,7 +58,11 @@ class NearestModel(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Remember every frame and its label. Raises UserError without any."""
+        """Remember every frame and its label.
+
+        Raises:
+            UserError: There is no frame, or the number of labels is another one.
+        """
         del validation, rng, progress
         start = time.perf_counter()
         if not len(frames) or len(frames) != len(truth):
@@ -104,7 +108,12 @@ class NearestModel(Model):
         )
 
     def load(self, directory: Path) -> None:
-        """Read nearest.npz. Raises UserError when that is not what ``save`` wrote."""
+        """Read nearest.npz.
+
+        Raises:
+            UserError: The file is missing or damaged, or holds labels of another kind or features
+                of another size.
+        """
         path = directory / "nearest.npz"
         arrays = read(path, self._answer_kind, "features", "minus_rest", optional="scale")
         features, minus_rest = arrays.pop("features"), bool(arrays.pop("minus_rest"))
@@ -125,9 +134,10 @@ class NearestModel(Model):
         self._minus_rest = minus_rest
 
     def _features(self, frames: Sequence[Frame]) -> Features:
-        """Return (N, size^2) float32, gray levels from 0 to 1, less those of the rest frame.
+        """Return features (N, size^2) float32, gray levels from 0 to 1, less those at rest.
 
-        Channels are returned as (N, C) in units of their deviations.
+        The rest frame is taken off where all training frames had one. Channels are returned as
+        (N, C) in units of their deviations.
         """
         if self._scale is not None:
             count = len(self._scale)
