@@ -1,4 +1,4 @@
-"""The scenes of a recording's frames, so that a sensor can answer them."""
+"""The scenes of a recording's frames, by which a sensor finds the frames."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class RecordedPresses:
         rows: Row of the recording of every frame.
         columns: Role -> column that was read.
         options: Options by which labels were read.
-        label_fit: Where their offset and pivot come from the pins.
-        subsets: Name of a frame -> subset of the split that was asked for; empty without one.
+        subsets: Name of a frame -> subset of the split that was asked for; empty without a split.
+        label_fit: Fit of the labels' offset and pivot to the pins; None: they were not fitted.
     """
 
     recording: Recording
@@ -63,7 +63,7 @@ def open_presses(
         split: Name of a split of a data set.
 
     Raises:
-        UserError: Something is missing or damaged.
+        UserError: A file, the split or every known scene is missing, or a file is damaged.
     """
     recording = open_recording(folder, ImportOptions(frames=options.frames))
     scenes, columns = recording.scenes, dict(recording.columns)
@@ -102,12 +102,16 @@ def indenter_names(scenes: Iterable[Scene]) -> list[str]:
 
 
 def _split_subsets(recording: Recording, name: str) -> dict[str, str]:
-    """Return name of a frame -> subset of the split of that name."""
+    """Return name of a frame -> subset of the split of that name.
+
+    Raises:
+        UserError: The recording has no such split.
+    """
     splits = {} if recording.dataset is None else recording.dataset.splits
     if recording.dataset is None or name not in splits:
-        there = f"; it has {', '.join(splits)}" if splits else ""
+        others = f"; it has {', '.join(splits)}" if splits else ""
         raise UserError(
-            f"{recording.folder} has no splits/{name}.json{there}; leave --param sensor.split out "
+            f"{recording.folder} has no splits/{name}.json{others}; leave --param sensor.split out "
             "to divide as the protocol says."
         )
     subset_of = splits[name].subset_of()
@@ -120,9 +124,9 @@ def _split_subsets(recording: Recording, name: str) -> dict[str, str]:
 
 
 def _number_repeated(scenes: Iterable[Scene]) -> tuple[Scene, ...]:
-    """Name the indenters of repeated presses 'plate #2', 'plate #3' ....
+    """Return the scenes with the indenters of repeated presses named 'plate #2', 'plate #3' ....
 
-    Every frame then has a scene of its own and can be asked for.
+    Every frame then has a scene of its own, by which it can be found.
     """
     times: Counter[Scene] = Counter()
     numbered = []

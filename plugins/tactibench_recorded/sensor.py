@@ -26,7 +26,7 @@ _THREADS = min(8, os.cpu_count() or 1)
 _PREFETCH = 8 * _THREADS
 """Frames that are decoded ahead: enough for all threads, few enough for any memory."""
 OFFSET_MM, PIVOT_MM = 5.0, 0.0
-"""Offset and pivot of labels where no parameter names them."""
+"""Offset and pivot of labels where no parameter gives them."""
 
 
 class RecordedSensor(Sensor):
@@ -35,18 +35,31 @@ class RecordedSensor(Sensor):
     The folder is of the Bristol convention, has a CSV file, is a Hugging Face image folder, or a
     data set. Scenes that it knows (data sets, tables with x_mm, y_mm and depth_mm) are taken as
     they are. Other labels are read as a plate's: depth = depth label + ``depth_offset_mm`` +
-    ``pivot_mm`` (1 - cos tilt) + ``pivot_side_mm`` sin tilt, tilt = tilt label. The default offset
-    is the travel of about 5 mm between the labelled pose and first touch in the Tac-VGNN
-    recordings; it moves every depth alike and so changes no error within one recording. Where
-    depths of two sensors are compared (``context.indentation``) and no number is given, or with
-    ``labels`` "fitted", all three are fitted to the pins; labels that the pins contradict are
-    refused. ``split`` names a split of a data set, which then says what trains, validates and
-    tests. ``range`` says whether protocols of tips take the presses in their published range or
-    all; a flat sensor's are all taken. Everything is checked when the sensor is opened; labels that
-    the frames contradict are refused unless ``trust_labels`` says that they are right.
+    ``pivot_mm`` (1 - cos tilt) + ``pivot_side_mm`` sin tilt, tilt = tilt label. Everything is
+    checked when the sensor is built.
+
+    Args:
+        context: Circumstances of the run, with the folder in ``context.data``.
+        depth_offset_mm: Offset of the depth label. The default is the travel of about 5 mm between
+            the labelled pose and first touch in the Tac-VGNN recordings; it moves every depth alike
+            and so changes no error within one recording.
+        pivot_mm: Factor p of the depth above.
+        pivot_side_mm: Factor q of the depth above.
+        fit_side: Whether q is fitted, too, where labels are fitted; it is 0 otherwise.
+        labels: "given": read with these three numbers; "fitted": all three are fitted to the pins,
+            and labels that the pins contradict are refused; "auto": fitted where depths of two
+            sensors are compared (``context.indentation``) and no number is given.
+        depth: Column with the depth label, mm.
+        tilt: Column with the tilt label, deg.
+        frames: Folder of the frames; "auto": the first of the usual folders that is there.
+        split: Name of a split of a data set, which then says what trains, validates and tests.
+        range: Presses that protocols of tips take: "published", those in their published range;
+            "own", all; "auto", all of a flat sensor, otherwise those in the published range.
+        trust_labels: Whether to take labels that the frames contradict; otherwise they are refused.
 
     Raises:
-        UserError: Something is missing or damaged; the sentence names file and row.
+        UserError: A file is missing or damaged, or the frames contradict the labels; the message
+            names file and row.
     """
 
     def __init__(
@@ -93,15 +106,15 @@ class RecordedSensor(Sensor):
             self.workspace = own_workspace(self._presses.scenes, radius, always=range == "own")
 
     def scenes(self) -> dict[str, Scene]:
-        """Return frame name -> scene, in the order of the table; no two scenes are equal."""
+        """Return name of a frame -> scene, in the order of the table; no two scenes are equal."""
         return dict(zip(self._presses.names, self._presses.scenes, strict=True))
 
     def presses(self) -> dict[str, str]:
-        """Return frame name -> press; frames of one press share it."""
+        """Return name of a frame -> name of its press, which frames of one press share."""
         return dict(zip(self._presses.names, self._presses.presses, strict=True))
 
     def split(self) -> Mapping[str, str]:
-        """Return frame name -> subset of the split; {} without one."""
+        """Return name of a frame -> subset of the split; {} without a split."""
         return self._presses.subsets
 
     def rest(self) -> Frame:
@@ -126,7 +139,11 @@ class RecordedSensor(Sensor):
         return self._frame(self._find(scene))
 
     def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        """Give frames in order; threads decode some ahead (decoding releases the GIL)."""
+        """Yield the frames of scenes in order; threads decode some ahead (which frees the GIL).
+
+        Raises:
+            UserError: A scene was not recorded.
+        """
         waiting: deque[Future[Frame]] = deque()
         with ThreadPoolExecutor(_THREADS) as pool:
             try:
@@ -141,7 +158,7 @@ class RecordedSensor(Sensor):
                     future.cancel()
 
     def describe(self) -> dict[str, Any]:
-        """Return what determines the frames; the folder's place on this machine does not."""
+        """Return the facts that determine the frames; the path of the folder is none of them."""
         recording, options = self._recording, self._presses.options
         rest = None if recording.rest is None else recording.rest.name
         if recording.estimated_rest is not None:
@@ -149,14 +166,14 @@ class RecordedSensor(Sensor):
         if recording.dataset is not None and self._rest_signal is not None:
             rest = "rest"
         aside, fit = options.pivot_side_mm, self._presses.label_fit
-        known = {} if recording.dataset is None else recording.dataset.header.sensor
+        origin = {} if recording.dataset is None else recording.dataset.header.sensor
         return {
             "format": recording.format,
             "folder": recording.folder.resolve().name,
             "frames": recording.frames.name,
             "sha256": recording.sha256,
-            **({"recorded_with": known["name"]} if "name" in known else {}),
-            **({"origin": "simulated"} if known.get("origin") == "simulated" else {}),
+            **({"recorded_with": origin["name"]} if "name" in origin else {}),
+            **({"origin": "simulated"} if origin.get("origin") == "simulated" else {}),
             "count": len(self._presses.scenes),
             **_described_kind(recording),
             "rest": rest,
@@ -187,7 +204,7 @@ class RecordedSensor(Sensor):
 
 
 def _refuse_contradictions(presses: RecordedPresses, *, fitted: bool) -> None:
-    """Raise UserError where the frames contradict the labels; a fit has looked by itself."""
+    """Raise UserError where the frames contradict the labels, unless a fit has checked them."""
     if fitted and presses.label_fit is not None:
         return
     scenes: list[Scene | None] = [None] * len(presses.recording)
@@ -226,9 +243,9 @@ def _not_recorded(presses: RecordedPresses, scene: Scene) -> str:
     poses, pose = [scene.pose for scene in presses.scenes], scene.pose
     depth, tilt = [pose.depth for pose in poses], [pose.tilt for pose in poses]
     kinds = indenter_names(presses.scenes)
-    what = "plate presses" if kinds == ["plate"] else f"presses by {', '.join(kinds)}"
+    content = "plate presses" if kinds == ["plate"] else f"presses by {', '.join(kinds)}"
     return (
-        f"{presses.recording.folder} is a recording of {len(poses):,} {what} "
+        f"{presses.recording.folder} is a recording of {len(poses):,} {content} "
         f"(depth {min(depth):.2f} to {max(depth):.2f} mm, tilt {min(tilt):.1f} to {max(tilt):.1f} "
         f"deg) and has no press of {scene.indenter.name!r} at x {pose.x:g} mm, y {pose.y:g} mm, "
         f"depth {pose.depth:g} mm, tilt {pose.tilt:g} deg; use it with a protocol that takes its "
