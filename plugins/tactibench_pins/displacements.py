@@ -54,7 +54,7 @@ class Reader(ABC):
 class OwnPins(Reader):
     """Displacements of one sensor's P pins, px: x of all pins before y of all."""
 
-    noise = 0.25  # px: twice what the centroid of a black and white pin is uncertain by
+    noise = 0.25  # px: twice the uncertainty of the centroid of a black and white pin
 
     def __init__(self, pins: PinTracker) -> None:
         self.pins = pins
@@ -250,7 +250,10 @@ class Components:
         return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
 
     def of(self, moved: Array, whitening: float) -> Array:
-        """Return the components (N, K) of vectors (N, C), the first with unit spread."""
+        """Return the components (N, K) of vectors (N, C), times ``weights(whitening)``.
+
+        The first component has unit spread.
+        """
         moved = polar(moved) if self.polar else moved
         return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))
 
@@ -275,7 +278,7 @@ def rms_displacement(moved: Array) -> Array:
 def contact_threshold(moved: Array, answer: str) -> float:
     """Return the least rms displacement of a contact, from training presses (N, 2 P).
 
-    It is 0 for a plate, whose pose is asked for in every frame.
+    It is 0 for answer "plate", because a plate's pose is asked for in every frame.
     """
     if answer == "plate" or not len(moved):
         return 0.0

@@ -104,7 +104,7 @@ def _error(learned: Features, held_out: Array, targets: Array, setting: Setting)
 
 
 def kernel(a: Array, b: Array, length: float) -> Array:
-    """Return (N, M) exp(-|a - b|^2 / (2 l^2)) of features (N, K) and (M, K)."""
+    """Return exp(-|a - b|^2 / (2 length^2)), (N, M), of features a (N, K) and b (M, K)."""
     squares = cdist(a, b, "sqeuclidean")
     squares *= -0.5 / length**2
     return np.asarray(np.exp(squares, out=squares))

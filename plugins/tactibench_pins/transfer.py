@@ -72,7 +72,12 @@ class Differences:
         return cls(share * np.linalg.cholesky(covariance + _JITTER * np.eye(len(points))))
 
     def add(self, moved: Array, rng: np.random.Generator) -> Array:
-        """Return fields (N, 2 L), x of all points before y, each with its own difference."""
+        """Return fields with a random difference in each.
+
+        Args:
+            moved: (N, 2 L) fields, x of all points before y.
+            rng: Generator that draws the differences.
+        """
         white = rng.standard_normal((2, len(moved), len(self.factor)))
         rms = np.sqrt(np.square(moved).mean(axis=1, keepdims=True))
         return np.asarray(moved + rms * np.concatenate([*(white @ self.factor.T)], axis=1))

@@ -252,7 +252,7 @@ class Camera:
         return (time.monotonic_ns() - self._taken_ns) * 1e-9 < self._settings.stall_s
 
     def fresh(self, after_ns: int, count: int = 1) -> list[CameraFrame]:
-        """Return ``count`` frames in a row taken after a moment of ``time.monotonic_ns``.
+        """Return ``count`` frames in a row, taken after a moment of ``time.monotonic_ns``.
 
         A stalled camera is opened once more.
 
@@ -341,7 +341,7 @@ class Camera:
             capture = self._open(self._settings)
             actual = configure(capture, self._settings)
             self.read_back = self.read_back or actual
-        except BaseException as error:  # noqa: BLE001 - raised again by who waits
+        except BaseException as error:  # noqa: BLE001 - raised again by the caller
             failures.append(error)
         ready.set()
         try:

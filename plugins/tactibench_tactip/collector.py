@@ -42,7 +42,7 @@ STOPS_OF_PRESS = 2
 RECOVER_PRESSES = 500
 """Fewest presses between two protective stops that are released without asking."""
 DRIFT_MM = 0.05
-"""Drift of first touch between two searches above which a person is told."""
+"""Drift of first touch between two searches above which a warning is given."""
 
 EXTRA = MappingProxyType(
     {
@@ -241,7 +241,7 @@ class Collector:
                 self._event("camera", press, str(error))
                 if attempt == ATTEMPTS:
                     raise
-                self._station.camera.now()  # opens it again; raises where it is gone
+                self._station.camera.now()  # reopens the camera, or raises where it is gone
                 continue
             except GuardError as error:
                 self._event("tripped", press, str(error))

@@ -52,7 +52,7 @@ class Reference:
         images = np.stack([frame.image for frame in frames]).astype(np.float32)
         mean = images.mean(axis=0).astype(np.float64)
         changes = [_change(image, mean) for image in images]
-        # The mean holds 1 / n of every frame, which makes each look closer to it than a new one.
+        # The mean holds 1 / n of every frame, so that each looks closer to it than a new frame.
         grow = (1.0 + 1.0 / len(images)) / (1.0 - 1.0 / len(images))
         return cls(
             mean=mean,
@@ -165,7 +165,7 @@ def _reason(
         return "frames in a row are the same to the last bit: the camera repeats itself"
     if between > MOTION * reference.between + 0.2:
         return f"frames in a row differ by {between:.2f} grey levels: something still moves"
-    # The median of a press has less noise than one frame, whose change this is.
+    # The median of a press has less noise than one frame, to which this change belongs.
     if depth_mm >= SEEN_MM and reference.change_of(check.image) < reference.change:
         return f"no contact is seen at {depth_mm:.1f} mm"
     return ""

@@ -225,8 +225,8 @@ class Mover:
             reached = self.pose()
             if _same(reached, target):
                 return
-            # A robot that did not move at all may have missed the command; one that stopped on its
-            # way was held.
+            # A robot that did not move at all may have missed the command; a robot that stopped on
+            # its way was held.
             if attempt == 2 or not _same(reached, start):
                 raise RobotError(
                     f"the robot stopped {distance_between(reached, target):.2f} mm and "
@@ -369,7 +369,7 @@ class RobotThread:
                 continue
             try:
                 future.set_result(job(mover))
-            except BaseException as error:  # noqa: BLE001 - handed to who asked
+            except BaseException as error:  # noqa: BLE001 - given to the caller
                 future.set_exception(error)
         self.robot.close()
 

@@ -77,7 +77,14 @@ def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) 
 
 
 def descend(mover: Mover, path: PressPath, settings: Settings, guard: Guard) -> None:
-    """Move along a path, above, near and down, from any place at clearance."""
+    """Move along a path, above, near and down, from any place at clearance.
+
+    Args:
+        mover: Mover of the robot.
+        path: Path of the press.
+        settings: Configuration of the setup, which gives the speeds.
+        guard: Guard of the moves to near and down.
+    """
     robot = settings.robot
     mover.go(path.above, robot.approach_mm_s)
     mover.go(path.near, robot.approach_mm_s, guard)

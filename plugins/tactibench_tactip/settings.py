@@ -93,7 +93,7 @@ class RobotSettings(_Table):
 
     driver: Literal["ur", "grbl", "cri"]
     address: str = Field(min_length=1)
-    # The least values are far below any that is useful, and above those that were meant in m.
+    # The least values are far below all useful ones, and above values that were meant in m.
     approach_mm_s: Annotated[float, Field(ge=0.2, le=100)] = 20.0
     press_mm_s: Annotated[float, Field(ge=0.05, le=20)] = 5.0
     retract_mm_s: Annotated[float, Field(ge=0.2, le=100)] = 50.0

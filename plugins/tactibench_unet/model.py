@@ -205,6 +205,15 @@ class UNet(LearnedModel):
 
         As many more, at most ``_HELD_OUT``, are kept back to choose what counts as a contact.
 
+        Args:
+            frames: Training frames.
+            truth: Contacts of the frames.
+            count: Number of mixed frames.
+            rng: Generator of everything random.
+
+        Returns:
+            The mixed frames, and their contacts.
+
         Raises:
             UserError: The frames do not allow mixing, or the encoder shows single contacts only.
         """

@@ -53,8 +53,8 @@ class Edges:
         near = table.clamp_min(0)
         step = place[near] - place[:, None]
         apart = torch.cat([step, step.norm(dim=-1, keepdim=True)], dim=-1)
-        there = (table >= 0)[..., None].to(place.dtype)
-        return cls(near, there, apart * there)
+        exists = (table >= 0)[..., None].to(place.dtype)
+        return cls(near, exists, apart * exists)
 
     def gather(self, nodes: torch.Tensor) -> torch.Tensor:
         """Return the features (B, P, K, W) of every pin's neighbours, from nodes (B, P, W)."""
@@ -176,7 +176,7 @@ class GraphNetwork(nn.Module):
     ) -> None:
         super().__init__()
         middle = place - place.mean(dim=0)
-        self.pitches = float(middle.abs().max()) / pitch  # of the layout's half
+        self.pitches = float(middle.abs().max()) / pitch  # half the layout, in pitches
         unit = middle / middle.abs().max().clamp_min(1e-6)
         self.register_buffer("place", unit.float(), persistent=False)
         angle = torch.cat([wave * math.pi * unit for wave in _WAVES], dim=-1).float()

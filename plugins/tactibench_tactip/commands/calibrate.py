@@ -143,9 +143,16 @@ def calibrate(
 
 
 def middle_of(image: Image, rest: Array) -> tuple[float, float]:
-    """Return column and row of the middle of the squared change from the image at rest, px."""
+    """Return column and row of the middle of the squared change, px.
+
+    Args:
+        image: (H, W) image of a press.
+        rest: (H, W) image of the undeformed sensor.
+    """
     energy = np.square(image - rest)
-    energy = np.maximum(0.0, energy - np.percentile(energy, 75))  # noise is everywhere
+    energy = np.maximum(
+        0.0, energy - np.percentile(energy, 75)
+    )  # without the noise, which is everywhere
     rows, columns = np.indices(energy.shape)
     total = float(energy.sum())
     return float((energy * columns).sum() / total), float((energy * rows).sum() / total)

@@ -73,9 +73,9 @@ def command(
         slow = settings.with_speed_scale(speed_scale)
         if dry_run_height is not None:
             with progress_bar("dry run", len(plan)) as advance:
-                made = dry_run(slow, plan.presses, dry_run_height, advance)
+                total = dry_run(slow, plan.presses, dry_run_height, advance)
             click.echo(
-                f"{made:,} presses were moved through {dry_run_height:g} mm above the sensor; "
+                f"{total:,} presses were moved through {dry_run_height:g} mm above the sensor; "
                 "nothing was kept"
             )
             return 0

@@ -56,16 +56,16 @@ def command(
         if (by or target or home) and not yes and emulation is None:
             click.confirm("Is the way clear, and the emergency stop in reach", abort=True, err=True)
         with RobotThread(robot, settings) as thread:
-            here = thread.do(lambda mover: mover.pose(), LOOK_S)
-            _print_pose(here)
+            start = thread.do(lambda mover: mover.pose(), LOOK_S)
+            _print_pose(start)
             if by is None and target is None:
                 return
-            x, y, z = target or tuple(a + b for a, b in zip(here[:3], by or (), strict=True))
-            there: Pose6 = (x, y, z, *here[3:])
-            check_way(here, there, settings)
+            x, y, z = target or tuple(a + b for a, b in zip(start[:3], by or (), strict=True))
+            end: Pose6 = (x, y, z, *start[3:])
+            check_way(start, end, settings)
 
             def go(mover: Mover) -> Pose6:
-                mover.go(there, speed, force_guard(mover, settings.envelope.max_force_n))
+                mover.go(end, speed, force_guard(mover, settings.envelope.max_force_n))
                 return mover.pose()
 
             _print_pose(thread.do(go, MOVE_S))

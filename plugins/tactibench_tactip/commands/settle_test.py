@@ -160,8 +160,8 @@ def _frames_of_held(station: Station, since_ns: int, count: int) -> list[CameraF
     end = time.monotonic() + limit
     frames: list[CameraFrame] = []
     while len(frames) < count:
-        some = min(count - len(frames), max(1, round(LOOK_S / period)))
-        frames += station.camera.fresh(since_ns, some)
+        batch = min(count - len(frames), max(1, round(LOOK_S / period)))
+        frames += station.camera.fresh(since_ns, batch)
         since_ns = frames[-1].t_ns + 1
         station.do(lambda mover: mover.check())
         if time.monotonic() > end and len(frames) < count:

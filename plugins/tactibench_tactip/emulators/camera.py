@@ -155,7 +155,7 @@ class CameraEmulator(Device):
             if not more:
                 return False
             data += more
-        client.settimeout(None)  # ``hang_up`` ends a send that nobody takes
+        client.settimeout(None)  # ``hang_up`` ends a send that no client reads
         return data.startswith(b"GET ")
 
     def _send_frames(self, client: socket.socket) -> None:

@@ -67,7 +67,7 @@ class Device(ABC):
         self.hang_up()
 
     def run(self, name: str, target: Callable[..., None], *arguments: object) -> None:
-        """Run a callable on a thread of the device."""
+        """Run ``target`` with its arguments on a thread of the device."""
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         thread = Thread(target=target, args=arguments, name=name, daemon=True)
         self._threads.append(thread)

@@ -187,7 +187,7 @@ class RtdeSession:
 
 
 def dashboard_answer(controller: Controller, line: str, t: float) -> str:
-    """Return the dashboard's answer to one line."""
+    """Return the dashboard's answer to one line, at ``t`` s of the world."""
     answers = {
         "polyscopeversion": POLYSCOPE,
         "get serial number": SERIAL,

@@ -201,7 +201,7 @@ class World:
         self._watch_press()
         self.arm(*faults)
 
-    # Questions from outside
+    # State for callers
 
     @property
     def presses(self) -> int:
@@ -246,7 +246,7 @@ class World:
             self._images.move_to_end(key)
             return self._images[key]
 
-    # Hands at the rig
+    # Changes of the rig
 
     def mount(self, indenter: Indenter) -> None:
         """Change the indenter."""
@@ -279,7 +279,7 @@ class World:
             for kind, handler in handlers.items():
                 self._handlers.setdefault(kind, []).append(handler)
 
-    # Motion, for the devices; all of it under ``lock``
+    # Motion, for the devices; all calls are under ``lock``
 
     def pose_at(self, t: float) -> Array:
         """Return the (4, 4) tool pose in the work frame at ``t`` s, which may lie in the future.

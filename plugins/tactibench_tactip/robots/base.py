@@ -70,7 +70,13 @@ class Robot(Protocol):
         ...
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
-        """Begin a straight move, mm/s and mm/s^2, and return."""
+        """Begin a straight move, and return before it ends.
+
+        Args:
+            pose: Pose to move to.
+            speed: Top speed, mm/s.
+            acceleration: Acceleration, mm/s^2.
+        """
         ...
 
     def moving(self) -> bool:

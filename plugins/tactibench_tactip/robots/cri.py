@@ -111,7 +111,7 @@ class CriRobot(Robot):
     def close(self) -> None:
         """Close the robot."""
         robot, self._robot = self._robot, None
-        with suppress(Exception):  # there is nobody left to tell
+        with suppress(Exception):  # at the end no caller needs the error
             if robot is not None:
                 robot.close()
 

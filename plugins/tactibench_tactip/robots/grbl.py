@@ -98,7 +98,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         x, y, z = pose[:3]
         try:
             self._link.command(f"$J=G53G90G21X{x:.4f}Y{y:.4f}Z{z:.4f}F{60 * speed:.1f}")
-        except NoAnswerError:  # lost on its way: whoever moves sees whether it was done
+        except NoAnswerError:  # the answer was lost: the caller sees whether it moves
             self._link.status()
         self._moving, self._polled_at, self.at_switches = True, 0.0, False
 

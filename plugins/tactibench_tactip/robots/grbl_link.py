@@ -176,7 +176,7 @@ class GrblLink:
                         self._position = status.position
                         return status
                     self._note(line)
-                    if self.alarm:  # a critical one ends its answers
+                    if self.alarm:  # after a critical alarm GRBL answers no more
                         return Status("Alarm", self._position)
                 time.sleep(PAUSE_S)
         raise NoAnswerError(f"GRBL gave no status within {wait_s:g} s; look at the stage.")

@@ -89,7 +89,7 @@ class UrRobot(Robot, RecoverableRobot):
         self._open_link = UrLink(
             settings.address, to_ur(self._tcp), settings.watchdog_hz, settings.connect_s
         )
-        if self._closed:  # nobody waited for it
+        if self._closed:  # the caller no longer waits
             self._open_link.close()
             return
         self._check_tcp(from_ur(self._open_link.tcp_before))
@@ -226,7 +226,7 @@ class Dashboard:
         try:
             self._socket = socket.create_connection((host, PORT), ANSWER_S)
             self._rest = b""
-            self._read_line()  # it greets
+            self._read_line()  # the server sends a greeting first
         except OSError as error:
             raise UserError(
                 f"nothing at {host}:{PORT} answers as a UR does ({error.strerror or error}); check "
@@ -318,7 +318,12 @@ def is_protective_stop(bits: int) -> bool:
 
 
 def describe_safety(bits: int, mode: int) -> str:
-    """Return everything that keeps the arm from moving; its mode when nothing does."""
+    """Return everything that keeps the arm from moving, or "normal" or "reduced".
+
+    Args:
+        bits: Safety status bits.
+        mode: Robot mode.
+    """
     reasons = [STOP_BITS[bit] for bit in _stops(bits)]
     if mode != RUNNING:
         reasons.append(MODES.get(mode, f"robot mode {mode}"))

@@ -131,8 +131,8 @@ class UrLink:
 
     def _fresh(self) -> bool:
         """Return whether the facts are newer than the last answer, and not too old."""
-        there = bool(self._facts) and self._facts["number"] > self._after
-        return there and time.monotonic() - self._changed_at <= self._stale_s
+        newer = bool(self._facts) and self._facts["number"] > self._after
+        return newer and time.monotonic() - self._changed_at <= self._stale_s
 
     def close(self) -> None:
         """End the process, which stops the arm.
@@ -163,7 +163,7 @@ class UrLink:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
-                # Ctrl-C is for us: the arm is stopped in order. A session of its own would do, too,
+                # Ctrl-C is for this process: it stops the arm in order. An own session would do, too,
                 # but the kernel shares the processor between sessions, and starves it under load.
                 process_group=0,
             )

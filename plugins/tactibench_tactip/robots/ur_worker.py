@@ -81,7 +81,7 @@ class Arm:
 
     def stop(self) -> str:
         """Brake the arm."""
-        if self._control.isProgramRunning():  # otherwise the arm stands, and nobody would answer
+        if self._control.isProgramRunning():  # otherwise it stands, and no answer would come
             self._control.stopL(STOP_M_S2, True)
         return ""
 
@@ -127,7 +127,7 @@ def serve(link: Connection) -> None:
     first = json.loads(link.recv_bytes())
     try:
         arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
-    except Exception as error:  # noqa: BLE001 - told to the other side
+    except Exception as error:  # noqa: BLE001 - sent to the other side
         _send(link, {"failed": " ".join(str(error).split())})
         return
     _send(link, {"ready": True, "tcp": arm.tcp_before})
@@ -143,7 +143,7 @@ def serve(link: Connection) -> None:
             number += 1
             _send(link, {"number": number, **arm.facts()})
             due = max(due + 1.0 / HZ, time.monotonic())
-    except (EOFError, OSError):  # nobody is there any more
+    except (EOFError, OSError):  # the other side is gone
         pass
     finally:
         arm.stop()
