@@ -150,9 +150,7 @@ def middle_of(image: Image, rest: Array) -> tuple[float, float]:
         rest: (H, W) image of the undeformed sensor.
     """
     energy = np.square(image - rest)
-    energy = np.maximum(
-        0.0, energy - np.percentile(energy, 75)
-    )  # without the noise, which is everywhere
+    energy = np.maximum(0.0, energy - np.percentile(energy, 75))  # noise is everywhere
     rows, columns = np.indices(energy.shape)
     total = float(energy.sum())
     return float((energy * columns).sum() / total), float((energy * rows).sum() / total)

@@ -163,8 +163,9 @@ class UrLink:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
-                # Ctrl-C is for this process: it stops the arm in order. An own session would do, too,
-                # but the kernel shares the processor between sessions, and starves it under load.
+                # Ctrl-C is for this process, which stops the arm in order. A session of its own
+                # would do, too, but the kernel shares the processor between sessions, and starves it
+                # under load.
                 process_group=0,
             )
             assert self._process.stdin is not None  # noqa: S101
