@@ -91,7 +91,7 @@ class Device(ABC):
         return number
 
     def hang_up(self, *ports: int) -> None:
-        """Shut down the connections to these ports, or all where none is named."""
+        """Shut down the connections to these ports, or all without a port; their threads end."""
         for client, port in list(self._clients.items()):
             if not ports or port in ports:
                 with suppress(OSError):

@@ -164,8 +164,8 @@ class UrLink:
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
                 # Ctrl-C is for this process, which stops the arm in order. A session of its own
-                # would do, too, but the kernel shares the processor between sessions, and starves it
-                # under load.
+                # would do, too, but the kernel shares the processor between sessions, and starves
+                # it under load.
                 process_group=0,
             )
             assert self._process.stdin is not None  # noqa: S101
