@@ -24,10 +24,10 @@ from .plugins.fit_report import FitReport as FitReport
 from .plugins.fit_report import Prior as Prior
 from .plugins.hookspecs import hookimpl as hookimpl
 from .plugins.host import open_sensor as open_sensor
+from .plugins.parameter import Parameter as Parameter
 from .plugins.specs import CommandSpec as CommandSpec
 from .plugins.specs import EncoderSpec as EncoderSpec
 from .plugins.specs import ModelSpec as ModelSpec
-from .plugins.specs import Parameter as Parameter
 from .plugins.specs import SensorSpec as SensorSpec
 from .plugins.training_parameters import training_parameters as training_parameters
 

@@ -26,9 +26,10 @@ from tactibench_tactip.plan import (
     is_mounted,
     with_smallest_turn,
 )
+from tactibench_tactip.press_result import PressResult
 from tactibench_tactip.robots.base import RecoverableRobot
 from tactibench_tactip.settings import Settings
-from tactibench_tactip.station import PressResult, Station
+from tactibench_tactip.station import Station
 from tactibench_tactip.touch import FirstTouch, find_touch
 
 MountRequest = Callable[[Indenter, int], bool]

@@ -26,6 +26,10 @@ MOTION = 1.5
 """Factor on the difference of two frames at rest by which two frames of a press may differ."""
 SEEN_MM = 0.5
 """Depth from which on a press must be visible in the frame."""
+RELAXED = 0.3
+"""Share of a press's change that a frame after it may still show."""
+RELAXED_LEVELS = 0.3
+"""Least value of that limit, grey levels, where the press itself changed little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,11 @@ class Reference:
         A change that all pixels share, as light makes it, is not counted.
         """
         return _change(image, self.mean)
+
+    def change_after(self, press: Image) -> float:
+        """Return the largest change, grey levels, of a frame that no longer shows a press."""
+        share = RELAXED * (self.change_of(press) - self.change)
+        return self.change + max(RELAXED_LEVELS, share)
 
     def pins_differ(self, sensor: SensorSettings) -> bool:
         """Return whether the count of pins is not the configuration's."""

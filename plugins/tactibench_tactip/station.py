@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -27,6 +27,7 @@ from tactibench_tactip.plan import CollectionPlan, check_plan
 from tactibench_tactip.poses import envelope_violation
 from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.press_path import PressPath, path_of, path_seconds
+from tactibench_tactip.press_result import PressResult
 from tactibench_tactip.robots.base import HomingRobot, Robot, RobotState, make_robot
 from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
 
@@ -38,43 +39,10 @@ LOOKS = 3
 """Number of times that frames of a press are taken before the press counts as bad."""
 SAME_MM = 0.05
 """Distance that the tool may move while frames are taken."""
-RELAXED = 0.3
-"""Share of a press's change that a frame after it may still show."""
-RELAXED_LEVELS = 0.3
-"""Least value of that limit, grey levels, where the press itself changed little."""
 RELAXING_S = 5.0
 """Host seconds within which a skin comes back and a camera shows it."""
 LONG_S = 60.0
 """Device seconds that a job is expected to take where its caller does not say."""
-
-
-@dataclass(frozen=True, eq=False)
-class PressResult:
-    """The outcome of one press.
-
-    Attributes:
-        scene: Scene with the pose that was reached.
-        check: Check of its frames.
-        settled_ns: End of settling, on the clock of the frames.
-        commanded: Pose of the tool in the work frame that was commanded.
-        before: Pose of the tool before the frames were taken.
-        after: Pose of the tool after the frames were taken.
-        state: State of the robot before the frames were taken.
-        z0: First touch from which the depth is counted, mm.
-        looks: Number of times that frames were taken.
-        frames: Frames of the last look.
-    """
-
-    scene: Scene
-    check: FrameCheck
-    settled_ns: int
-    commanded: Pose6
-    before: Pose6
-    after: Pose6
-    state: RobotState
-    z0: float
-    looks: int
-    frames: tuple[CameraFrame, ...] = field(repr=False, default=())
 
 
 class Station:
@@ -181,11 +149,7 @@ class Station:
         return problem
 
     def draw_back(self) -> None:
-        """Withdraw the tool.
-
-        Raises:
-            RobotError: The tool was left where it is.
-        """
+        """Withdraw the tool. Raise RobotError where it was left where it is."""
         problem = self.withdraw()
         if problem:
             raise RobotError(f"{problem}.")
@@ -216,12 +180,7 @@ class Station:
         check_plan(plan, self.settings, self.geometry, turns=self.robot.turns)
 
     def check_scenes(self, source: str, scenes: Iterable[Scene]) -> None:
-        """Raise UserError where presses of no protocol may not be made with this setup.
-
-        Args:
-            source: Name of the presses, for the message.
-            scenes: The presses.
-        """
+        """Raise UserError where presses of no protocol, called ``source``, may not be made here."""
         presses = tuple(Press(k, f"press {k + 1}", scene) for k, scene in enumerate(scenes))
         self.check_plan(CollectionPlan(source, presses, {}))
 
@@ -396,8 +355,7 @@ class Station:
         A camera that still shows the press lags behind; a skin may creep back slowly.
         """
         rest = self.rest_reference()
-        share = RELAXED * (rest.change_of(press) - rest.change)
-        most = rest.change + max(RELAXED_LEVELS, share)
+        most = rest.change_after(press)
         self._afterimage = press
         for _ in range(LOOKS):
             if rest.change_of(self.camera.after(time.monotonic_ns(), 1)[0].image) <= most:

@@ -11,8 +11,9 @@ from typing import Any, get_args, get_type_hints
 from reference.source import Module, outline, signature
 from reference.text import anchor, cell, code, fenced, grid, prose
 from tactibench.errors import UserError
-from tactibench.plugins import hookspecs, specs
+from tactibench.plugins import hookspecs
 from tactibench.plugins.host import HOOKS
+from tactibench.plugins.parameter import Parameter
 
 EXAMPLE = "docs/examples/tactile_pocket"
 BASE_CLASSES = {"ModelSpec": "Model", "SensorSpec": "Sensor", "EncoderSpec": "Encoder"}
@@ -26,7 +27,7 @@ def lines(root: Path) -> list[str]:
     made = ["# Hooks", "", *_opening()]
     for hook in HOOKS:
         made += _hook(root, hook, written, shown)
-    made += ["## Parameters", "", *prose(specs.Parameter.__doc__), *_fields(specs.Parameter)]
+    made += ["## Parameters", "", *prose(Parameter.__doc__), *_fields(Parameter)]
     return [*made, *_base_classes(Module.read(root / "tactibench" / "plugins" / "base.py"))]
 
 

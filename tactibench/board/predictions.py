@@ -71,13 +71,7 @@ def answers_file(record_file: Path) -> Path:
 def ranked_errors(
     spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> Arrays:
-    """Return the errors that order the board, as arrays of a file; empty where no error orders it.
-
-    Args:
-        spec: The protocol.
-        truth: Packed truth of the test frames.
-        predicted: Packed predictions.
-    """
+    """Return the errors that order the board, as arrays of a file; empty where no error does."""
     if board_spec(spec.label).ranking is None:
         return {}
     errors = press_errors_of(spec, truth, predicted)

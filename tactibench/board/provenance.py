@@ -15,7 +15,8 @@ from tactibench.board.record_forms import LABEL, SLACK, differs, look_alike, sam
 from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, Parameter, SensorSpec
+from tactibench.plugins.parameter import Parameter
+from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import canonical
 from tactibench.records.record import Component, Record

@@ -65,11 +65,6 @@ def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
     """Return whether two JSON values are equal, numbers within a relative tolerance.
 
     True is not equal to 1, but 1 is equal to 1.0.
-
-    Args:
-        stated: Value of a record.
-        derived: Value that it is compared with.
-        slack: Largest relative difference of two floats.
     """
     if isinstance(stated, bool) or isinstance(derived, bool):
         return stated is derived

@@ -19,7 +19,8 @@ from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import SensorSpec, Value
+from tactibench.plugins.parameter import Value
+from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.split import CHUNK
 from tactibench.records.identity import code_hash, digest, installed_versions

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Scene
+from tactibench.contacts import FloatArray, Scene
 from tactibench.datasets.channels import ChannelKind
 from tactibench.datasets.labels import role_columns
 from tactibench.datasets.pivot import FEWEST, Pivot, RecordingFit, fit_recording
@@ -27,8 +27,6 @@ from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder
 from tactibench.records.files import read_checked_json, write_checked_json
 from tactibench.records.identity import code_hash, combined, digest
-
-FloatArray = npt.NDArray[np.float64]
 
 MOST = 200
 """Most presses that are checked: about a second with 331 pins."""

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from tactibench.errors import UserError
+from tactibench.frames.division import Division
 from tactibench.frames.drawn_presses import FEW_SHOT, SensorFrames
-from tactibench.frames.recorded import Division, Recording, Sets, divide, training_sets
+from tactibench.frames.recorded import Recording, Sets, divide, training_sets
 from tactibench.frames.source import (
     QUICK_FIT,
     QUICK_VALIDATION,

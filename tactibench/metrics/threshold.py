@@ -19,7 +19,6 @@ their mean square (at least 1), widens it when frames share a press.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,7 +27,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import expit, log_expit
-from scipy.stats import binom
 
 from tactibench.contacts import FloatArray
 from tactibench.metrics.crossing import interpolated_threshold
@@ -39,6 +37,7 @@ from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import Trials
 from tactibench.stats.clusters import IntArray, Labels, cluster_codes, cluster_sums
 from tactibench.stats.intervals import Estimate, t_quantile
+from tactibench.stats.ranks import median_by_ranks
 
 SHARE = 0.75
 """Share of pairs resolved at the threshold, the usual choice of psychophysics."""
@@ -342,26 +341,6 @@ def limit(trials: Trials, _rng: np.random.Generator) -> Rows:
     """Yield the median of the presses' known limits, mm, with its interval by ranks."""
     limits = np.empty(0) if trials.limit is None else trials.limit[~np.isnan(trials.limit)]
     yield "all", median_by_ranks(limits, level=trials.level)
-
-
-def median_by_ranks(values: FloatArray, *, level: float = 0.95) -> Estimate:
-    """Return the median of (n,) independent values; inf stands for a value beyond all others.
-
-    The k-th smallest and the k-th largest are the limits, k the largest number for which a
-    binomial(n, 1/2) is below k with probability (1 - level) / 2 at most (Conover, Practical
-    Nonparametric Statistics, 1999, section 3.2). Both limits are None where k is 0, and a median or
-    limit that is inf is None.
-    """
-    n = len(values)
-    if not n:
-        return Estimate.nothing()
-    ordered = np.sort(values)
-    k = int(binom.ppf((1 - level) / 2, n, 0.5))
-    ends = (float(ordered[k - 1]), float(ordered[n - k])) if k else (math.inf, math.inf)
-    middle, low, high = (
-        end if math.isfinite(end) else None for end in (float(np.median(ordered)), *ends)
-    )
-    return Estimate(middle, low, high, n, n)
 
 
 SPECS = (

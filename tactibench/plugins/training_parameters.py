@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactibench.plugins.specs import Parameter
+from tactibench.plugins.parameter import Parameter
 
 
 def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:

@@ -8,7 +8,8 @@ from typing import Any, Generic, TypeVar
 
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
+from tactibench.plugins.parameter import Value
+from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec
 from tactibench.records.identity import code_hash, code_mentions
 from tactibench.records.record import Component
 

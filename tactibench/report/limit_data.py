@@ -14,7 +14,8 @@ from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError, did_you_mean
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import SensorSpec, Value
+from tactibench.plugins.parameter import Value
+from tactibench.plugins.specs import SensorSpec
 from tactibench.report.plot_data import PlotData
 from tactibench.report.plot_tables import (
     limit_remarks,

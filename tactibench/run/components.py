@@ -8,7 +8,8 @@ from typing import Any
 from tactibench.errors import UserError
 from tactibench.plugins.base import Encoder, Model, ModelContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
+from tactibench.plugins.parameter import Value
+from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.run.request import RunRequest

@@ -132,13 +132,7 @@ class Cluster:
         return [future for future in waiting if future.done()]
 
     def wait(self, future: Any) -> Any:
-        """Return the result of a task when it has finished.
-
-        Raises:
-            WorkerLossError: The workers died.
-            UserError: The scheduler has gone.
-            Exception: Whatever the task raised.
-        """
+        """Wait until a task has finished and return its ``result``."""
         while not self.wait_any([future]):
             pass
         return self.result(future)
@@ -162,13 +156,7 @@ class Cluster:
             raise _lost_connection() from None
 
     def map_in_order(self, work: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-        """Yield ``map(work, items)``, computed only a few results ahead of the caller.
-
-        Raises:
-            WorkerLossError: The workers died.
-            UserError: The scheduler has gone.
-            Exception: Whatever a task raised.
-        """
+        """Yield ``map(work, items)``, a few results ahead; raise as ``result``."""
         rest = iter(items)
         waiting: deque[Any] = deque()
         try:

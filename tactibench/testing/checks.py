@@ -9,7 +9,8 @@ from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import KINDS, EncoderSpec, Value
+from tactibench.plugins.parameter import Value
+from tactibench.plugins.specs import KINDS, EncoderSpec
 from tactibench.protocols.loader import load_protocol
 from tactibench.testing import encoder as encoder_checks
 from tactibench.testing import model as model_checks

@@ -23,7 +23,8 @@ from tactibench.plugins.base import (
     SensorContext,
 )
 from tactibench.plugins.fit_report import FitReport
-from tactibench.plugins.specs import IMAGE, EncoderSpec, ModelSpec, SensorSpec, Value
+from tactibench.plugins.parameter import Value
+from tactibench.plugins.specs import IMAGE, EncoderSpec, ModelSpec, SensorSpec
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol

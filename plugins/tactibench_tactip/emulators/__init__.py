@@ -20,7 +20,8 @@ from tactibench_tactip.emulators.grbl import GrblEmulator
 from tactibench_tactip.emulators.rehearsal import Emulation, HiddenOffset, Rehearsal, rehearse
 from tactibench_tactip.emulators.touch import Rig, Truth
 from tactibench_tactip.emulators.ur import UrEmulator
-from tactibench_tactip.emulators.world import Clock, Envelope, World, simulated
+from tactibench_tactip.emulators.watch import Envelope
+from tactibench_tactip.emulators.world import Clock, World, simulated
 
 __all__ = [
     "FAULTS",

@@ -7,17 +7,26 @@ does. Other G-code is answered with error 20, other ``$`` lines with error 3.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from tactibench import UserError
+from tactibench_tactip.emulators.gcode import (
+    HOMING_OFF,
+    JOG_TRAVEL,
+    NO_G_CODE,
+    NOT_IDLE,
+    STATEMENT,
+    UNSUPPORTED,
+    GcodeError,
+    format_axes,
+    parse_words,
+)
 from tactibench_tactip.emulators.motion import Array, Move, inverse, matrix
-from tactibench_tactip.emulators.world import Watch, World
+from tactibench_tactip.emulators.watch import Watch
+from tactibench_tactip.emulators.world import World
 
-STATEMENT, HOMING_OFF, NOT_IDLE, NO_G_CODE, JOG_TRAVEL, UNSUPPORTED = 3, 5, 8, 9, 15, 20
-"""Numbers of GRBL's errors."""
 SETTINGS = {
     "$13": 0.0,
     **dict.fromkeys(("$20", "$21", "$22"), 1.0),
@@ -37,11 +46,6 @@ LOCKED = "[MSG:'$H'|'$X' to unlock]"
 BANNER = "Grbl 1.1h ['$' for help]"
 STATE = "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"
 VERSION = ["[VER:1.1h.20190830:]", "[OPT:V,15,128]"]
-_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
-
-
-class GcodeError(Exception):
-    """A line that is answered with ``error:N``; N is the only argument."""
 
 
 class Controller:
@@ -193,7 +197,7 @@ class Controller:
         state = self.state + (held if self.state == "Hold" else "")
         move = self.world.move_at(self.t)
         speed = 0.0 if move is None else move.speed(self.t)
-        fields = [state, f"MPos:{_format_axes(self.place)}", f"FS:{math.floor(60 * speed + 0.5)},0"]
+        fields = [state, f"MPos:{format_axes(self.place)}", f"FS:{math.floor(60 * speed + 0.5)},0"]
         if self._touching():
             fields.append("Pn:P")
         if self._reports % OFFSET_EVERY == 0:
@@ -323,7 +327,7 @@ class Controller:
     def _jog(self, text: str) -> Iterator[None]:
         if self.state not in {"Idle", "Jog"}:
             raise GcodeError(NOT_IDLE)
-        codes, values = _parse_words(text)
+        codes, values = parse_words(text)
         if not codes <= {"G21", "G53", "G90", "G91"} or not values.get("F"):
             raise GcodeError(UNSUPPORTED)
         target = self._target(codes, values)
@@ -334,7 +338,7 @@ class Controller:
     def _gcode(self, text: str) -> Iterator[None]:
         if self.state in {"Alarm", "Jog"}:
             raise GcodeError(NO_G_CODE)
-        codes, values = _parse_words(text)
+        codes, values = parse_words(text)
         probes = "G38.3" in codes
         if not codes <= {"G21", "G90", "G91", "G38.3"} or probes != bool(values.get("F")):
             raise GcodeError(UNSUPPORTED)
@@ -354,7 +358,7 @@ class Controller:
             self.blind -= 1
         else:
             self.world.forget(watch)
-        self._push(f"[PRB:{_format_axes(self._probed)}:{int(self._touched)}]")
+        self._push(f"[PRB:{format_axes(self._probed)}:{int(self._touched)}]")
 
     def _on_touch(self, t: float) -> None:
         self.t = max(self.t, t)
@@ -389,27 +393,7 @@ class Controller:
         return inside or not self.settings["$20"]
 
 
-def _parse_words(text: str) -> tuple[set[str], dict[str, float]]:
-    """Return the G codes of a line, and its other numbers by letter.
-
-    Raises:
-        GcodeError: The line holds other words than G, F, X, Y and Z, or repeats a word.
-    """
-    words = _WORD.findall(text)
-    codes = {f"G{float(number):g}" for letter, number in words if letter == "G"}
-    values = {letter: float(number) for letter, number in words if letter in "FXYZ"}
-    read = "".join(letter + number for letter, number in words)
-    if read != text or len(codes) + len(values) != len(words):
-        raise GcodeError(UNSUPPORTED)
-    return codes, values
-
-
 def _along(limits: Array, unit: Array) -> float:
     """Return the most along a unit vector (3,) that keeps every axis within its limit (3,)."""
     used = np.abs(unit) > 1e-12
     return float((limits[used] / np.abs(unit[used])).min())
-
-
-def _format_axes(values: Array) -> str:
-    """Return ``x,y,z`` with three decimals and without a minus zero."""
-    return ",".join(f"{round(float(value), 3) + 0.0:.3f}" for value in values)

@@ -20,7 +20,8 @@ from tactibench_tactip.emulators.grbl import GrblEmulator
 from tactibench_tactip.emulators.motion import Pose6, matrix, pose6
 from tactibench_tactip.emulators.touch import Rig, Truth
 from tactibench_tactip.emulators.ur import DASHBOARD, UrEmulator
-from tactibench_tactip.emulators.world import Clock, Envelope, Image, World, simulated
+from tactibench_tactip.emulators.watch import Envelope
+from tactibench_tactip.emulators.world import Clock, Image, World, simulated
 from tactibench_tactip.settings import EnvelopeSettings, Settings
 
 HOSTS = tuple(f"127.0.0.{k}" for k in range(2, 60))

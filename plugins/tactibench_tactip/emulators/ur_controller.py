@@ -24,7 +24,8 @@ from tactibench_tactip.emulators.motion import (
     matrix,
     to_ur,
 )
-from tactibench_tactip.emulators.world import Watch, World
+from tactibench_tactip.emulators.watch import Watch
+from tactibench_tactip.emulators.world import World
 
 STOPPED, PLAYING = 1, 2
 """Values of ``runtime_state``."""

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tactibench import Indenter, UserError
 from tactibench_tactip.emulators import Clock, Envelope, Fault, Rig, World, simulated, world
 from tactibench_tactip.emulators.motion import Move, Pose6, matrix
-from tactibench_tactip.emulators.world import Watch
+from tactibench_tactip.emulators.watch import Watch
 
 SPEED, RATE = 20.0, 500.0
 
