@@ -25,12 +25,7 @@ STEP_MM = 0.05
 
 
 class AxisymmetricPress:
-    """The body of ``mesh`` and an indenter that comes down from height ``top``.
-
-    moduli: Young's modulus of each material of the mesh. radius: mm, inf for a plate. penalty:
-    contact stiffness, E_skin / mm. friction: "none" or "stick" (no slip once touching, whose
-    increments are ``STEP_MM`` at most unless ``settings`` are given).
-    """
+    """A body and an indenter that comes down on it along the axis."""
 
     def __init__(
         self,
@@ -42,6 +37,22 @@ class AxisymmetricPress:
         settings: Settings | None = None,
         friction: str = "none",
     ) -> None:
+        """Set up the equations of the undeformed body.
+
+        Args:
+            mesh: Mesh of the body's meridian.
+            moduli: Young's modulus of each material of the mesh, in units of the skin's.
+            top: Height of the body's apex, where the indenter touches first, mm.
+            radius: Radius of the indenter, mm; inf for a plate.
+            penalty: Contact stiffness, E_skin / mm.
+            settings: Settings of the increments; None: the defaults, with increments of at most
+                ``STEP_MM`` where the skin sticks.
+            friction: "none", or "stick": the skin does not slip once it touches.
+
+        Raises:
+            ValueError: ``friction`` is none of FRICTION.
+            UserError: NGSolve is not installed.
+        """
         if friction not in FRICTION:
             raise ValueError(f"friction is {friction!r}; allowed: {', '.join(FRICTION)}")
         ngs = require_ngsolve()
@@ -63,7 +74,7 @@ class AxisymmetricPress:
         )
 
     def place(self, u: Any) -> tuple[Any, Any]:
-        """Return squared distance from the axis and height above the indenter's lowest point."""
+        """Return a point's squared distance from the axis and height above the indenter's end."""
         ngs = require_ngsolve()
         across = ngs.x + u[0]
         return across * across, ngs.y + u[1] - (self.top - self.depth)
@@ -96,7 +107,7 @@ class AxisymmetricPress:
         return form
 
     def advance(self, depth: float) -> None:
-        """Go down to ``depth`` mm past first touch, at least the present depth."""
+        """Press to ``depth`` mm past first touch, which is not less than the present depth."""
         self.path.advance(depth)
 
     def force(self) -> float:
@@ -115,18 +126,25 @@ class AxisymmetricPress:
 
 
 class Stick:
-    """Sticking contact on boundary "outer": what has touched keeps its place on the indenter.
+    """Sticking contact on boundary "outer": a point that touches keeps its place on the indenter.
 
-    This is the other limit of friction, infinite where it touches. A point's place on the indenter
-    is taken where it first touched, interpolated within the increment; from the next increment on
-    it is tied to that place by a penalty. So the result depends on the increments: see STEP_MM.
+    This is the limit of infinite friction. A point's place on the indenter is the one where it
+    first touched, interpolated within the increment. From the next increment on, a penalty ties the
+    point to that place. So the result depends on the increments: see STEP_MM. For a sphere the tie
+    holds up to its equator; beyond it the skin may slide along the rod.
 
-    inside, across: overlap and radial displacement of the state, NGSolve functions; ``update`` is
-    called at every equilibrium. For a sphere the tie holds up to its equator, beyond which the skin
-    may slide along the rod.
+    ``update`` must be called at every equilibrium.
     """
 
     def __init__(self, mesh: Any, inside: Any, across: Any, penalty: float) -> None:
+        """Begin with no point tied.
+
+        Args:
+            mesh: Mesh of the body.
+            inside: Overlap of the state with the indenter, an NGSolve function, mm.
+            across: Radial displacement of the state, an NGSolve function, mm.
+            penalty: Stiffness of the tie, E_skin / mm.
+        """
         ngs = require_ngsolve()
         self._where = mesh.Boundaries("outer")
         self._now = {"inside": inside, "across": across}
@@ -142,7 +160,7 @@ class Stick:
         return self._penalty / 2 * ngs.IfPos(self._inside, moved * moved, 0.0)
 
     def update(self, _level: float = 0.0) -> None:
-        """Give what has touched since the last equilibrium its place, release what has left."""
+        """Tie the points that touched since the last equilibrium, and release those that left."""
         inside, across = self._inside.vec.FV().NumPy(), self._across.vec.FV().NumPy()
         old_inside, old_across = inside.copy(), across.copy()
         self._inside.Set(self._now["inside"], definedon=self._where)
@@ -156,7 +174,13 @@ class Stick:
 
 
 def steepness(square: Any, height: Any, radius: float) -> Any:
-    """Return the component along the axis of the unit normal: pressure times it is force."""
+    """Return the axial component of the indenter's unit normal: pressure times it is axial force.
+
+    Args:
+        square: Squared distance of a point from the axis, mm^2.
+        height: Height of the point above the indenter's lowest point, mm.
+        radius: Radius of the indenter, mm; inf for a plate.
+    """
     if math.isinf(radius):
         return 1.0
     above = height - radius
@@ -177,7 +201,7 @@ def contact_pressure(inside: Any, penalty: float) -> Any:
 
 
 def axisymmetric_strain(u: Any) -> tuple[Any, Any]:
-    """Return (tr F^T F, det F) of a displacement (radial, axial); x: distance from the axis."""
+    """Return (tr F^T F, det F) of the deformation gradient F of a displacement (radial, axial)."""
     ngs = require_ngsolve()
     plane = ngs.Id(2) + ngs.Grad(u)
     hoop = 1 + u[0] / ngs.x

@@ -16,10 +16,14 @@ from tactibench_sim.fem.continuation import Settings
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """One converged state, sampled along two meridians at the polar angles asked for.
+    """One converged state, sampled at T polar angles on the inner and the outer skin.
 
-    inner, outer: (2, T) inward normal and tangential (away from the contact) displacement, mm.
-    force: total along the axis, E_skin mm^2.
+    Attributes:
+        delta: Penetration, mm.
+        force: Total force along the axis, E_skin mm^2.
+        inner: (2, T) inward normal and tangential (away from the contact) displacement of the inner
+            skin, mm.
+        outer: (2, T) the same of the outer skin, mm.
     """
 
     delta: float
@@ -37,11 +41,22 @@ def press(
     friction: str = "none",
     settings: Settings | None = None,
 ) -> Iterator[Profile]:
-    """Press a sphere of ``radius`` mm (inf: a plate) on the apex to each of ``deltas``, ascending.
+    """Yield the state of the dome at each depth of a press on its apex.
 
-    polar: (T,) sampling angles, rad, 0..pi/2. For depths beyond its radius the sphere is the end of
-    a vertical rod. friction: "none", or "stick": no slip once touching, exact in the limit of small
-    increments (``axisymmetric.STEP_MM``). Raises NotConvergedError; UserError without NGSolve.
+    For depths beyond its radius the sphere is the end of a vertical rod.
+
+    Args:
+        dome: Dome that is pressed.
+        radius: Radius of the sphere, mm; inf: a plate.
+        deltas: (D,) penetrations, ascending, mm.
+        polar: (T,) sampling angles, rad, 0..pi/2.
+        friction: "none", or "stick": the skin does not slip once it touches, which is exact in the
+            limit of small increments (``axisymmetric.STEP_MM``).
+        settings: Settings of the increments; None: those of ``AxisymmetricPress``.
+
+    Raises:
+        NotConvergedError: A run failed.
+        UserError: NGSolve is not installed.
     """
     mesh = dome_meridian(dome)
     problem = AxisymmetricPress(
@@ -55,7 +70,7 @@ def press(
 
 
 def _meridian(problem: AxisymmetricPress, radius: float, polar: Array) -> Array:
-    """Return (2, T) inward and tangential displacement at undeformed points, mm."""
+    """Return the (2, T) inward and tangential displacement at an undeformed radius, mm."""
     angle = np.clip(polar, 1e-7, math.pi / 2 - 1e-7)
     sine, cosine = np.sin(angle), np.cos(angle)
     u = problem.displacement(radius * sine, radius * cosine)
@@ -66,7 +81,7 @@ def _meridian(problem: AxisymmetricPress, radius: float, polar: Array) -> Array:
 
 
 def dome_meridian(dome: Dome) -> Any:
-    """Quarter discs of gel and skin, fine at the apex, curved elements."""
+    """Return the mesh of a meridian: quarter discs of gel and skin, curved elements, fine apex."""
     ngs = require_ngsolve()
     from netgen.occ import Glue, OCCGeometry, Rectangle, WorkPlane
 

@@ -3,8 +3,8 @@
 The tips are pressed without friction and then moved together, parallel to the dome's base. Each
 touching point follows its tip by a spring along the tip's surface, whose force Coulomb's friction
 limits to mu times the pressure (rounded, so that Newton meets no kink). The displacement is finite
-and the tips go on pressing as they move. What touches and how hard is that of the step before, in
-steps of a tenth of a millimetre; with stick it is that of the press.
+and the tips go on pressing as they move. The touching points and their pressure are those of the
+step before, in steps of a tenth of a millimetre; with stick they are those of the press.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from tactibench_sim.fem.tip import Tip, rounded_energy
 Array = npt.NDArray[np.float64]
 STICK = math.inf
 _TIE = 100.0  # E_skin / mm, of skin that sticks
-_SLIDING_TIE = 4.0  # softer where it may slip, for Newton's sake: by .99 of what sticks
+# Softer where the skin may slip, so that Newton converges; it follows by .99 of stuck skin.
+_SLIDING_TIE = 4.0
 _ROUNDING_MM = 2e-3
 _STEP_MM = 0.1
 _SOFT = 1e-6  # as in press.py: without it, the tangent has no Cholesky factors
@@ -63,7 +64,7 @@ class Drag:
     def move(self, way: float) -> SpatialField:
         """Move on to ``way`` mm from the start and return the field there.
 
-        The forces in the field are those of tips that did not move and mean nothing.
+        The forces in the field are computed for tips that did not move; do not use them.
 
         Raises:
             NotConvergedError: A run failed.
@@ -132,7 +133,7 @@ class Drag:
         return touching * most * (ngs.sqrt(square + rounding * rounding) - rounding)
 
     def _contact(self, tip: Tip, depth: float) -> tuple[Any, list[Any]]:
-        """Return pressure and outward normal of a tip on the skin after the last step."""
+        """Return the pressure of a tip on the skin, and its outward normal, after the last step."""
         ngs = require_ngsolve()
         way = [float(part) * self._last_moved for part in self.direction] + [0.0]
         axes = (ngs.x, ngs.y, ngs.z)
@@ -146,7 +147,7 @@ class Drag:
 
 
 def _normal(tip: Tip, place: list[Any], depth: float) -> list[Any]:
-    """Return the outward normal of a tip's surface at what touches it."""
+    """Return the outward normal of a tip's surface at a place that touches it."""
     if math.isinf(tip.radius):
         return [float(part) for part in tip.axis]
     ngs = require_ngsolve()

@@ -2,8 +2,8 @@
 
     PYTHONPATH=.:plugins python scripts/fem/error_bounds.py error_bounds.json
 
-Seconds. The file stands in plugins/tactibench_sim; ``tactibench_sim.error_bounds`` reads it and
-says what the bounds are. With --leave-out nothing is written: a table shows, for every family of
+It takes seconds. The file belongs in plugins/tactibench_sim; ``tactibench_sim.error_bounds`` reads
+it and explains the bounds. With --leave-out nothing is written: a table shows, for every family of
 runs and every spacing that is left out, its largest error over the bound from all others.
 
 The error of ``superpose`` is, by the triangle inequality, no larger than that of ``coupled`` and
@@ -59,19 +59,20 @@ ADDED_DEPTH_MM = (0.0, 0.75, 1.75, 3.0, 4.5, 6.0)
 CHART = Chart(start=-75.0, reach=75.0, across=75.0, step=2.5)
 """Where the two tiers are compared, around the middle of a pair; it is symmetric."""
 MARGIN = 0.05
-"""The factor is rounded up to a multiple of this: half a dozen families of runs do not say it more
-finely."""
+"""The factor is rounded up to a multiple of this: half a dozen families of runs do not determine it
+more finely."""
 LEAST = 1.1
-"""And it is never less: the terms were chosen with all runs in sight, so that leaving some out
-flatters them."""
+"""Least factor: the terms were chosen with all runs in sight, so that the test by leaving runs out
+makes them look better than they are."""
 SLACK_MM, SLACK_DEG = 0.1, 0.5
-"""By how much a scene may lie outside of the measured range: about a tenth of the steps between
-the reference scenes."""
+"""Distance by which a scene may lie outside of the measured range: about a tenth of the steps
+between the reference scenes."""
 FEWEST_FAMILIES = 3
-"""With fewer, too little is left to find the coefficients from when one is left out."""
-_STEP_MM = 1e-4  # bounds are written rounded up to it
-_STEP_COEFFICIENT = 1e-6  # and coefficients, which stand before up to 10^3 mm^3
-_CLOSE = 1e-6  # by which scenes may be off the node they were made for
+"""Least number of families: with fewer, too few are left to find the coefficients when one family
+is left out."""
+_STEP_MM = 1e-4  # bounds are rounded up to a multiple of it when they are written
+_STEP_COEFFICIENT = 1e-6  # likewise coefficients, which are multiplied by up to 10^3 mm^3
+_CLOSE = 1e-6  # distance by which scenes may be off the node that they were made for
 
 Flags = npt.NDArray[np.bool_]
 
@@ -80,7 +81,12 @@ Flags = npt.NDArray[np.bool_]
 class Measured:
     """A reference scene and its error.
 
-    n: (K, 3). delta: (K,) mm. error: largest of a pin base, mm. radius: of the tips, mm.
+    Attributes:
+        name: Name of the run, which is its family.
+        n: (K, 3) directions of the contacts.
+        delta: (K,) penetrations, mm.
+        error: Largest error of a pin base, mm.
+        radius: Radius of the tips, mm.
     """
 
     name: str
@@ -91,16 +97,16 @@ class Measured:
 
     @property
     def kin(self) -> tuple[float, str]:
-        """What it shares with other families, as number and text: its spacing, or its radius."""
+        """Spacing or radius that the family shares with others, as a number and as text."""
         if self.radius != RADIUS_MM:
             return self.radius, f"of R = {self.radius:g} mm"
-        found = re.match(r"[pt]([\d.]+)", self.name)  # "8" of p8_off10
-        assert found is not None  # noqa: S101 - pairs and triples are named by their spacing
-        return float(found[1]), f"{found[1]} mm apart"
+        spacing = re.match(r"[pt]([\d.]+)", self.name)  # "8" of p8_off10
+        assert spacing is not None  # noqa: S101 - pairs and triples are named by their spacing
+        return float(spacing[1]), f"{spacing[1]} mm apart"
 
 
 def measure(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[Measured]:
-    """Return the errors of tier ``coupled`` with those tables."""
+    """Return the errors of tier ``coupled`` in reference scenes, computed with the given tables."""
     coupled = TipMechanics(TableMechanics(tables, "coupled"))
     out = []
     for scene in scenes:
@@ -113,18 +119,18 @@ def measure(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[Measured]:
 
 
 def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
-    """Return the bounds of the tiers with those tables, for the tips of the scenes."""
+    """Return the bounds of the tiers with the given tables, for the tips of the scenes."""
     every = measure(tables, scenes)
-    errors = [one for one in every if one.radius == RADIUS_MM]
+    errors = [scene for scene in every if scene.radius == RADIUS_MM]
     coupled, superposed = TableMechanics(tables, "coupled"), TableMechanics(tables, "superpose")
-    alone = [one for one in errors if len(one.delta) == 1]
+    alone = [scene for scene in errors if len(scene.delta) == 1]
     rings = np.radians(POLAR_DEG)
     return Bounds(
         depth=np.array(DEPTH_MM),
         polar=rings,
         single=_singles(rings, alone),
-        pair=envelope([one for one in errors if len(one.delta) == 2]),
-        many=envelope([one for one in errors if len(one.delta) > 2]),
+        pair=envelope([scene for scene in errors if len(scene.delta) == 2]),
+        many=envelope([scene for scene in errors if len(scene.delta) > 2]),
         angle=np.radians(ANGLE_DEG),
         added_depth=np.array(ADDED_DEPTH_MM),
         added=np.stack([_added(coupled, superposed, math.radians(deg)) for deg in ANGLE_DEG]),
@@ -138,17 +144,28 @@ def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
 def other_tips(
     errors: Sequence[Measured], low: float, high: float
 ) -> tuple[list[Measured], list[Measured]]:
-    """Return the single contacts and the pairs of tips of other radii in a range."""
-    here = [one for one in errors if low <= one.radius <= high and one.radius != RADIUS_MM]
-    single, pair = ([one for one in here if len(one.delta) == count] for count in (1, 2))
+    """Return the single contacts and the pairs of tips of radii other than RADIUS_MM.
+
+    Args:
+        errors: Reference scenes of all tips.
+        low: Smallest radius, mm.
+        high: Largest radius, mm.
+    """
+    in_range = [
+        scene for scene in errors if low <= scene.radius <= high and scene.radius != RADIUS_MM
+    ]
+    single, pair = ([scene for scene in in_range if len(scene.delta) == count] for count in (1, 2))
     return single, pair
 
 
 def envelope(scenes: Sequence[Measured]) -> Envelope:
-    """Return the envelope of scenes with equally many contacts; of too few one of no range."""
-    if len({one.name for one in scenes}) < FEWEST_FAMILIES:
+    """Return the envelope of scenes that have equally many contacts.
+
+    An envelope of fewer than FEWEST_FAMILIES families has an empty range.
+    """
+    if len({scene.name for scene in scenes}) < FEWEST_FAMILIES:
         return Envelope(np.zeros(4), 1.0, 0.0, 0.0, 0.0, 0.0)
-    n, delta = np.stack([one.n for one in scenes]), np.stack([one.delta for one in scenes])
+    n, delta = np.stack([scene.n for scene in scenes]), np.stack([scene.delta for scene in scenes])
     pairs = combinations(range(delta.shape[1]), 2)
     angle = np.array([angle_between(n[:, i], n[:, j]) for i, j in pairs] or [[0.0]])
     slack = math.radians(SLACK_DEG)
@@ -163,15 +180,16 @@ def envelope(scenes: Sequence[Measured]) -> Envelope:
 
 
 def leave_out(scenes: Sequence[Measured]) -> dict[str, float]:
-    """Return, for every family and its kin, the largest error over the envelope of the others.
+    """Return name of a group -> its largest error over the envelope of all others.
 
-    Kin (one spacing, or one radius) are left out where at least FEWEST_FAMILIES families are none:
-    without the triples 8 mm apart no deep one off the apex would be left.
+    Every family is left out alone. The families of one spacing or one radius are left out together
+    where at least FEWEST_FAMILIES others remain: without the triples 8 mm apart no deep triple off
+    the apex would be left.
     """
-    groups: dict[str, list[str]] = {one.name: [one.name] for one in scenes}
+    groups: dict[str, list[str]] = {scene.name: [scene.name] for scene in scenes}
     families = len(groups)
-    for _, kin in sorted({one.kin for one in scenes}):
-        names = sorted({one.name for one in scenes if one.kin[1] == kin})
+    for _, kin in sorted({scene.kin for scene in scenes}):
+        names = sorted({scene.name for scene in scenes if scene.kin[1] == kin})
         if len(names) > 1 and families - len(names) >= FEWEST_FAMILIES:
             groups[f"all {kin}"] = names
     return {group: _without(scenes, names) for group, names in groups.items()}
@@ -179,8 +197,8 @@ def leave_out(scenes: Sequence[Measured]) -> dict[str, float]:
 
 def _without(scenes: Sequence[Measured], names: Sequence[str]) -> float:
     """Return the largest error of the named families over the envelope of the others."""
-    coefficients = _coefficients([one for one in scenes if one.name not in names])
-    left = [one for one in scenes if one.name in names]
+    coefficients = _coefficients([scene for scene in scenes if scene.name not in names])
+    left = [scene for scene in scenes if scene.name in names]
     return float((_errors(left) / (_terms(left) @ coefficients)).max())
 
 
@@ -200,22 +218,36 @@ def _terms(scenes: Sequence[Measured]) -> Array:
 
 
 def _errors(scenes: Sequence[Measured]) -> Array:
-    return np.array([one.error for one in scenes])
+    return np.array([scene.error for scene in scenes])
 
 
 def largest(nodes: Sequence[float], deepest: Array, errors: Array) -> Array:
-    """Return (D,) largest error of all scenes up to each depth node, never falling."""
+    """Return the (D,) largest error of all scenes up to each depth node, mm; it never falls.
+
+    Args:
+        nodes: (D,) depth nodes, mm.
+        deepest: (S,) greatest penetration of each scene, mm.
+        errors: (S,) error of each scene, mm.
+    """
     return np.array([errors[deepest <= node + _CLOSE].max(initial=0.0) for node in nodes])
 
 
 def reached(nodes: Sequence[float], deepest: Array) -> Flags:
-    """Return (D,) True where a scene is as deep as a node, or nearer to it than to the last."""
+    """Return (D,) flags: whether a scene reaches a node, or is nearer to it than to the one before.
+
+    Args:
+        nodes: (D,) depth nodes, mm.
+        deepest: (S,) greatest penetration of each scene, mm.
+    """
     middle = np.array([(a + b) / 2 for a, b in pairwise([0.0, *nodes])])
     return np.asarray(middle <= deepest.max(initial=0.0))
 
 
 def write(path: Path, tables: Tables, bounds: Bounds) -> str:
-    """Write bounds as JSON, rounded up, null for infinity. Returns the sha256 of the file."""
+    """Write bounds as JSON and return the sha256 of the file.
+
+    Bounds are rounded up; infinity is written as null.
+    """
     content: dict[str, Any] = {"tables": tables.digest, "tips": tip_tables.shipped().digest}
     content |= {f.name: _rounded(getattr(bounds, f.name)) for f in fields(Bounds)}
     text = json.dumps(content, allow_nan=False).replace('], "', '],\n"') + "\n"
@@ -227,35 +259,38 @@ def write(path: Path, tables: Tables, bounds: Bounds) -> str:
 
 def _rounded(values: Any) -> Any:
     if isinstance(values, tuple):
-        return [_rounded(one) for one in values]
+        return [_rounded(value) for value in values]
     if isinstance(values, OtherTips):
         envelopes = {name: _rounded(getattr(values, name)) for name in ("single", "pair")}
         return {"smallest": values.smallest, "largest": values.largest, **envelopes}
     if isinstance(values, Envelope):
         up = np.ceil(values.coefficients / _STEP_COEFFICIENT) * _STEP_COEFFICIENT
         rest = {f.name: round(getattr(values, f.name), 4) for f in fields(Envelope)[1:]}
-        return {"coefficients": [round(one, 6) for one in up.tolist()], **rest}
+        return {"coefficients": [round(value, 6) for value in up.tolist()], **rest}
     if values.ndim:
-        return [_rounded(one) for one in values]
+        return [_rounded(value) for value in values]
     if math.isinf(values):
         return None
     return round(math.ceil(float(values) / _STEP_MM - _CLOSE) * _STEP_MM, 4)
 
 
 def _singles(rings: Array, alone: Sequence[Measured]) -> Array:
-    """Return (B, D) errors up to a polar angle, where scenes between it and the last reach."""
-    polar = np.array([math.acos(min(1.0, one.n[0, 2])) for one in alone])
-    deepest, errors = np.array([one.delta[0] for one in alone]), _errors(alone)
+    """Return the (B, D) largest errors of single contacts up to a polar angle and a depth, mm.
+
+    The error is inf where no scene between the polar angle and the one before reaches the depth.
+    """
+    polar = np.array([math.acos(min(1.0, scene.n[0, 2])) for scene in alone])
+    deepest, errors = np.array([scene.delta[0] for scene in alone]), _errors(alone)
     rows = []
     for above, below in pairwise([-1.0, *rings]):
         inside = polar <= below + _CLOSE
-        known = reached(DEPTH_MM, deepest[inside & (polar > above + _CLOSE)])
-        rows.append(np.where(known, largest(DEPTH_MM, deepest[inside], errors[inside]), np.inf))
+        held = reached(DEPTH_MM, deepest[inside & (polar > above + _CLOSE)])
+        rows.append(np.where(held, largest(DEPTH_MM, deepest[inside], errors[inside]), np.inf))
     return np.stack(rows)
 
 
 def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) -> Array:
-    """Return the (D', D') largest difference of the tiers for two contacts so far apart."""
+    """Return (D', D') largest differences of the tiers, mm, of two contacts ``angle`` rad apart."""
     depths = np.stack(np.meshgrid(ADDED_DEPTH_MM, ADDED_DEPTH_MM, indexing="ij"), axis=-1)
     half, reach = angle / 2, DOME_RADIUS_MM + RADIUS_MM
     n = np.array([[-math.sin(half), 0.0, math.cos(half)], [math.sin(half), 0.0, math.cos(half)]])
@@ -263,18 +298,18 @@ def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) ->
     height = np.sqrt(reach**2 - (centres[..., :2] ** 2).sum(axis=-1))
     tips = Tips(centres[..., :2], height - centres[..., 2], np.full(len(centres), RADIUS_MM))
     at = CHART.directions().reshape(-1, 3)
-    one, other = (tier.displacement(tier.loads(tips), at)[0] for tier in (coupled, superposed))
-    apart: Array = np.linalg.norm(one - other, axis=-1).max(axis=-1)
+    first, second = (tier.displacement(tier.loads(tips), at)[0] for tier in (coupled, superposed))
+    apart: Array = np.linalg.norm(first - second, axis=-1).max(axis=-1)
     return np.where(depths.min(axis=-1) > 0, apart.reshape(depths.shape[:2]), 0.0)
 
 
 def leave_out_lines(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[str]:
-    """Return the table of ``leave_out`` for pairs and triples, and for tips of other radii."""
+    """Return the lines of the table of ``leave_out``: pairs, triples and tips of other radii."""
     errors = measure(tables, scenes)
     lines = []
-    nominal = [one for one in errors if one.radius == RADIUS_MM]
+    nominal = [scene for scene in errors if scene.radius == RADIUS_MM]
     kinds = [
-        (title, [one for one in nominal if len(one.delta) == count])
+        (title, [scene for scene in nominal if len(scene.delta) == count])
         for title, count in (("pairs", 2), ("triples", 3))
     ]
     for low, high in OTHERS_MM:
@@ -282,15 +317,15 @@ def leave_out_lines(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[st
         kinds += [(f"singles, R = {low:g} to {high:g} mm", single)]
         kinds += [(f"pairs, R = {low:g} to {high:g} mm", pair)]
     for title, some in kinds:
-        found = envelope(some)
-        numbers = ", ".join(f"{value:.5f}" for value in found.coefficients)
-        lines.append(f"{title}: coefficients {numbers}; factor {found.factor:.2f}")
+        bound = envelope(some)
+        numbers = ", ".join(f"{value:.5f}" for value in bound.coefficients)
+        lines.append(f"{title}: coefficients {numbers}; factor {bound.factor:.2f}")
         lines += [f"  {group:24} {ratio:5.2f}" for group, ratio in leave_out(some).items()]
-        names = sorted({one.name for one in some})
+        names = sorted({scene.name for scene in some})
         if len(names) < FEWEST_FAMILIES + 2:
             continue
         two = np.array([_without(some, pair) for pair in combinations(names, 2)])
-        within = f"{(two <= found.factor).sum()} of {len(two)} within the factor"
+        within = f"{(two <= bound.factor).sum()} of {len(two)} within the factor"
         lines.append(f"  two families at once: {within}, at most {two.max():.2f}")
     return lines
 

@@ -15,12 +15,16 @@ from tactibench_sim.fem import NotConvergedError
 
 
 def report_progress(step: str) -> None:
-    """Print what is computed next."""
+    """Print the name of the next step of a computation."""
     click.echo(f"{step} ...", err=True)
 
 
 def output_file(text: str) -> Path:
-    """Read the path of a file to be written, whose folder must exist."""
+    """Return the path of a file to be written.
+
+    Raises:
+        ArgumentTypeError: The file's folder does not exist.
+    """
     path = Path(text)
     if not path.parent.is_dir():
         raise argparse.ArgumentTypeError(f"the folder {path.parent} is not there; make it first")
@@ -28,7 +32,7 @@ def output_file(text: str) -> Path:
 
 
 def number(low: float, high: float = math.inf) -> Callable[[str], float]:
-    """Return a reader of numbers from low to high; NaN is none."""
+    """Return a function that reads a number from ``low`` to ``high``; it refuses NaN."""
 
     def read(text: str) -> float:
         value = float(text)
@@ -40,7 +44,12 @@ def number(low: float, high: float = math.inf) -> Callable[[str], float]:
 
 
 def write_file(out: Path, make: Callable[[], str]) -> None:
-    """Make a file and print its digest; exit with one sentence where it cannot be made."""
+    """Write a file and print its digest; exit with one sentence where that fails.
+
+    Args:
+        out: Path of the file.
+        make: Function that writes the file and returns its digest.
+    """
     try:
         digest = make()
     except NotConvergedError as error:

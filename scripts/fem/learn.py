@@ -1,8 +1,9 @@
-"""From finite-element runs to the corrections of a table file.
+"""Learn the corrections of a table file from finite-element runs.
 
-O, the surroundings of one contact: the run at a polar angle minus the run at the apex (both on the
-same kind of mesh, so its error cancels). C, the pair: the run with two contacts minus what shared
-loads and O say. Both are reduced to a few modes whose amounts are splines of the contact.
+O, the surroundings of one contact, is the run at a polar angle minus the run at the apex (both on
+the same kind of mesh, so its error cancels). C, the pair, is the run with two contacts minus the
+field that shared loads and O give. Both are reduced to a few modes whose amounts are splines of the
+contact.
 """
 
 from __future__ import annotations
@@ -26,28 +27,33 @@ from tactibench_sim.mechanics.tables import Tables
 Array = npt.NDArray[np.float64]
 
 STEP = math.radians(5.0)
-"""Between nodes, chords: 5 deg at the middle."""
+"""Distance of two nodes, chords: 5 deg at the middle."""
 AROUND = Cells(start=-20 * STEP, along=36, across=16, step=STEP, fade=1, closed=False)
-"""To 122 deg up the dome and 81 deg elsewhere."""
+"""Patch of O: it reaches to 122 deg up the dome and to 81 deg elsewhere."""
 PAIR = Cells(start=-14 * STEP, along=29, across=15, step=STEP, fade=3, closed=True)
-"""To 75 deg."""
+"""Patch of C: it reaches to 75 deg."""
 BETA_STEP_DEG, BETAS = 5.0, 13  # 0 to 60 deg
 ANGLE_STEP_DEG, ANGLES = 2.5, 25  # 0 to 60 deg
 DEPTH_STEP_MM, DEPTHS = 0.5, 14  # 0 to 6.5 mm
 FARTHEST_PAIR_DEG = 60.0
-"""Contacts this far apart add up without a correction."""
+"""Fields of contacts this far apart are added without a correction."""
 TURN_MM = 8.0
-"""mm that a turn of 1 rad counts for when modes are chosen."""
+"""Displacement, mm, that counts as much as a turn of 1 rad when modes are chosen."""
 MOST_AROUND, EVEN, ODD = 12, 8, 4
-"""Modes; those of a pair are even or odd under the exchange of its contacts."""
+"""Numbers of modes; those of a pair are even or odd under the exchange of its contacts."""
 
 
 @dataclass(frozen=True, eq=False)
 class Single:
-    """One contact at the polar angle beta (rad), pressed to depths (S,), mm.
+    """A run of one contact off the apex.
 
-    displacement: (S, 2, A, B, 3) of inner and outer skin along e, f, n at the nodes of chart, mm;
-    NaN below the dome's rim. radius: mm, inf for a plate.
+    Attributes:
+        radius: Radius of the indenter, mm; inf: a plate.
+        beta: Polar angle of the contact, rad.
+        depths: (S,) penetrations, mm.
+        chart: Places where the run was sampled.
+        displacement: (S, 2, A, B, 3) displacement of inner and outer skin along e, f, m at the
+            nodes of the chart, mm; NaN below the dome's rim.
     """
 
     radius: float
@@ -59,7 +65,15 @@ class Single:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two contacts at +-angle/2 (rad) from the apex, pressed to depths (S, 2), mm; as Single."""
+    """A run of two contacts on both sides of the apex.
+
+    Attributes:
+        radius: Radius of the indenters, mm.
+        angle: Angle between the contacts, rad; each is half of it from the apex.
+        depths: (S, 2) penetrations, mm.
+        chart: Places where the run was sampled.
+        displacement: (S, 2, A, B, 3) as of Single.
+    """
 
     radius: float
     angle: float
@@ -71,26 +85,26 @@ class Pair:
 def corrections_from(
     singles: Sequence[Single], pairs: Sequence[Pair], tables: Tables
 ) -> Corrections:
-    """O from singles and C from pairs, for the single-contact tables."""
+    """Return O, learned from singles, and C, learned from pairs, for single-contact tables."""
     arrays, grid = surroundings(singles, tables)
-    known = replace(tables, corrections=Corrections(arrays, grid))
+    with_surroundings = replace(tables, corrections=Corrections(arrays, grid))
     if not pairs:
-        return known.corrections
-    more, also = together(pairs, known)
+        return with_surroundings.corrections
+    more, also = together(pairs, with_surroundings)
     return Corrections({**arrays, **more}, {**grid, **also})
 
 
 def surroundings(
     singles: Sequence[Single], tables: Tables
 ) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Arrays and grid of O."""
+    """Return the arrays and the grid of O, see ``Corrections``."""
     radii = sorted({single.radius for single in singles})
     inner = inner_radius(tables)
     families = []
     for radius in radii:
         runs = sorted((s for s in singles if s.radius == radius), key=lambda s: s.beta)
         each = [_by_depth(run.depths, fields_of(run, inner)) for run in runs]
-        families.append(np.stack([one - each[0] for one in each]))
+        families.append(np.stack([values - each[0] for values in each]))
     betas = np.array(sorted({single.beta for single in singles}))
     coarse = on_cells(np.stack(families), singles[0].chart, AROUND)  # (M, B, S, A, B, 12)
     amounts, modes = reduced(coarse, MOST_AROUND)
@@ -110,19 +124,19 @@ def surroundings(
 
 
 def together(pairs: Sequence[Pair], tables: Tables) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Arrays and grid of C."""
+    """Return the arrays and the grid of C, see ``Corrections``; the tables hold O."""
     mechanics = TableMechanics(tables, "coupled")
     angles = [0.0, *sorted(pair.angle for pair in pairs), math.radians(FARTHEST_PAIR_DEG)]
     ordered = sorted(pairs, key=lambda pair: pair.angle)
     nodes = np.unique(np.concatenate([[0.0], ordered[0].depths.ravel()]))
     rest = [on_cells(missing(pair, mechanics), pair.chart, PAIR) for pair in ordered]
     count = [len(pair.depths) for pair in ordered]
-    whole = np.concatenate(rest)
-    mirrored = mirror(whole)
+    fields = np.concatenate(rest)
+    mirrored = mirror(fields)
     table = np.zeros((len(angles), len(nodes), len(nodes), 0))
-    modes = np.zeros((0, *whole.shape[1:]))
+    modes = np.zeros((0, *fields.shape[1:]))
     for sign, most in ((1.0, EVEN), (-1.0, ODD)):
-        amounts, some = reduced((whole + sign * mirrored) / 2, most)
+        amounts, some = reduced((fields + sign * mirrored) / 2, most)
         some = (some + sign * mirror(some)) / 2
         part = np.zeros((*table.shape[:3], amounts.shape[-1]))
         for k, (pair, each) in enumerate(
@@ -149,7 +163,7 @@ def together(pairs: Sequence[Pair], tables: Tables) -> tuple[dict[str, Array], d
 
 
 def mirror(values: Array) -> Array:
-    """Fields (..., A, B, 12) mirrored by e -> -e, which exchanges the two contacts."""
+    """Return fields (..., A, B, 12) mirrored by e -> -e, which exchanges the two contacts."""
     flipped: Array = np.flip(values, axis=-3) * np.array([-1.0, 1.0, 1.0] * 4)
     return flipped
 
@@ -161,7 +175,14 @@ def inner_radius(tables: Tables) -> float:
 
 
 def fields_of(run: Single | Pair, inner: float) -> Array:
-    """Return (S, A, B, 12): six quantities of the inner skin, then of the outer, without turn."""
+    """Return the (S, A, B, 12) quantities of a run: displacement, mm, and turn, rad, of each skin.
+
+    The inner skin comes first. The turn of the outer skin is 0.
+
+    Args:
+        run: Run of one contact or of two.
+        inner: Radius of the inner skin, mm.
+    """
     displacement = np.nan_to_num(run.displacement)  # clamped below the rim
     below = displacement[:, 1]
     return np.concatenate(
@@ -170,11 +191,11 @@ def fields_of(run: Single | Pair, inner: float) -> Array:
 
 
 def missing(pair: Pair, mechanics: TableMechanics) -> Array:
-    """Return (S, A, B, 12): the part of a pair that loads and surroundings leave out."""
+    """Return the (S, A, B, 12) part of a pair's field that shared loads and O do not explain."""
     chart, inner = pair.chart, mechanics.inner
     directions = chart.directions()
     flat = directions.reshape(-1, 3)
-    found = fields_of(pair, inner)
+    fields = fields_of(pair, inner)
     half = pair.angle / 2
     n = np.array([[-math.sin(half), 0, math.cos(half)], [math.sin(half), 0, math.cos(half)]])
     reach = DOME_RADIUS_MM + pair.radius
@@ -182,14 +203,14 @@ def missing(pair: Pair, mechanics: TableMechanics) -> Array:
     height = np.sqrt(reach**2 - (centres[..., :2] ** 2).sum(axis=-1))
     tips = Tips(centres[..., :2], height - centres[..., 2], np.full(len(centres), pair.radius))
     loads = mechanics.loads(tips)
-    shape = (*found.shape[:3], 3)
+    shape = (*fields.shape[:3], 3)
     u, q = (field.reshape(shape) for field in mechanics.displacement(loads, flat))
     outer = mechanics.outer_displacement(loads, flat)
-    told = np.concatenate([u, q, outer.reshape(u.shape), np.zeros_like(u)], axis=-1)
+    explained = np.concatenate([u, q, outer.reshape(u.shape), np.zeros_like(u)], axis=-1)
     # The chart's normals are those of a coarse grid: take the same grid's error out of both.
     exact = _turn_of(mechanics, loads, directions)
-    told[..., 3:6] = six(chart, inner, u)[..., 3:6] + (q - exact)
-    difference: Array = found - told
+    explained[..., 3:6] = six(chart, inner, u)[..., 3:6] + (q - exact)
+    difference: Array = fields - explained
     return difference
 
 
@@ -213,18 +234,24 @@ def _turn_of(mechanics: TableMechanics, loads: Any, directions: Array, step: flo
 
 
 def _by_depth(depths: Array, values: Array) -> Array:
-    """Values (S, ...) at depths as values at 0, 0.5, ... mm; zero at 0, linear beyond the last."""
-    nodes, known = np.append(0.0, depths), np.concatenate([np.zeros_like(values[:1]), values])
+    """Return values (S, ...) at depths as values at 0, DEPTH_STEP_MM, ...
+
+    They are zero at 0, and extended linearly beyond the last depth.
+    """
+    nodes, padded = np.append(0.0, depths), np.concatenate([np.zeros_like(values[:1]), values])
     end = DEPTH_STEP_MM * (DEPTHS - 1)
     if nodes[-1] < end:
         ahead = (end - nodes[-1]) / (nodes[-1] - nodes[-2])
-        known = np.concatenate([known, known[-1:] + ahead * (known[-1:] - known[-2:-1])])
+        padded = np.concatenate([padded, padded[-1:] + ahead * (padded[-1:] - padded[-2:-1])])
         nodes = np.append(nodes, end)
-    return resampled(nodes, known, 0, DEPTHS, DEPTH_STEP_MM)
+    return resampled(nodes, padded, 0, DEPTHS, DEPTH_STEP_MM)
 
 
 def reduced(values: Array, most: int) -> tuple[Array, Array]:
-    """Return amounts (..., R) and modes (R, A, B, 12) of values (..., A, B, 12)."""
+    """Return amounts (..., R) and modes (R, A, B, 12) of values (..., A, B, 12).
+
+    R is at most ``most``, see ``modes_of``.
+    """
     weight = np.repeat([1.0, TURN_MM, 1.0, 1.0], 3)
     flat = (values * weight).reshape(-1, *values.shape[-3:])
     amounts, modes = modes_of(flat, most)
@@ -232,6 +259,11 @@ def reduced(values: Array, most: int) -> tuple[Array, Array]:
 
 
 def split_modes(kind: str, modes: Array) -> Mapping[str, Array]:
-    """Return the arrays of a file for modes (R, A, B, 12): pin bases and outer skin."""
+    """Return the arrays of a file for modes (R, A, B, 12), of pin bases and outer skin.
+
+    Args:
+        kind: "around" or "pair".
+        modes: Modes of both skins.
+    """
     filtered = coefficients(modes, (1, 2))
     return {f"{kind}_base_modes": filtered[..., :6], f"{kind}_skin_modes": filtered[..., 6:]}

@@ -18,14 +18,20 @@ from tactibench_sim.mechanics.finite_elements import turn
 Array = npt.NDArray[np.float64]
 FOUR = 4
 """Modes come in fours, because ``kernels.blend`` takes four at a time."""
-_REFLECTED = 12  # nodes of odd reflection; the filter's memory of the border is 0.27 a node
+_REFLECTED = 12  # nodes of odd reflection; the effect of the border falls to 0.27 with each node
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Nodes of a patch: a = start.. (``along`` of them), b = 0.. (``across``), in steps, chords.
+    """Nodes of a patch on a uniform grid of coordinates a (along e) and b (along f), in chords.
 
-    Corrections fade to 0 over the last ``fade`` steps, but at the start only if ``closed``.
+    Attributes:
+        start: First node along e, chords.
+        along: Number of nodes along e.
+        across: Number of nodes along f; the first one is at 0.
+        step: Distance of two nodes, chords.
+        fade: Number of steps at the border over which corrections fade to 0.
+        closed: Whether corrections fade to 0 at the start of a, too.
     """
 
     start: float
@@ -46,7 +52,7 @@ class Cells:
         return np.asarray(np.arange(self.across) * self.step, dtype=np.float64)
 
     def window(self) -> Array:
-        """Return (A, B) 1 inside, falling smoothly to 0 at the border."""
+        """Return the (A, B) weights of the nodes: 1 inside, falling smoothly to 0 at the border."""
         a, b = np.arange(self.along), np.arange(self.across)
         inside = self.along - 1 - a
         if self.closed:
@@ -56,7 +62,7 @@ class Cells:
         return np.asarray(x * x * (3 - 2 * x), dtype=np.float64)
 
     def places(self) -> tuple[Array, Array]:
-        """Return (A, B) azimuthal-equidistant a and b of the nodes, deg."""
+        """Return the (A, B) azimuthal-equidistant coordinates a and b of the nodes, deg."""
         a, b = np.meshgrid(self.a, self.b, indexing="ij")
         chord = np.minimum(np.hypot(a, b), 2.0)
         half = np.arcsin(chord / 2)
@@ -67,9 +73,13 @@ class Cells:
 
 @dataclass(frozen=True)
 class Chart:
-    """Places where runs are sampled: a = start..reach, b = 0..across in steps, deg.
+    """Places where runs are sampled, azimuthal-equidistant around a middle direction.
 
-    Azimuthal-equidistant coordinates around a middle direction.
+    Attributes:
+        start: First node along e, deg.
+        reach: Last node along e, deg.
+        across: Last node along f, deg; the first one is at 0.
+        step: Distance of two nodes, deg.
     """
 
     start: float
@@ -90,28 +100,35 @@ class Chart:
         return np.asarray(np.arange(count) * self.step, dtype=np.float64)
 
     def directions(self) -> Array:
-        """Return (A, B, 3) unit vectors, by components along e, f, m."""
+        """Return the (A, B, 3) unit vectors of the nodes, by components along e, f, m."""
         a, b = np.meshgrid(np.radians(self.a), np.radians(self.b), indexing="ij")
         r = np.hypot(a, b)
         stretch = np.sinc(r / np.pi)
         return np.stack([a * stretch, b * stretch, np.cos(r)], axis=-1)
 
     def normals(self, positions: Array) -> Array:
-        """Return (..., A, B, 3) outward normals of a displaced surface, symmetric about b = 0."""
+        """Return the (..., A, B, 3) outward normals of a displaced surface.
+
+        Args:
+            positions: (..., A, B, 3) positions of the nodes, symmetric about b = 0, mm.
+        """
         mirrored = positions[..., :0:-1, :] * [1.0, -1.0, 1.0]
-        whole = np.concatenate([mirrored, positions], axis=-2)
-        both = np.concatenate([-self.b[:0:-1], self.b])
-        along = CubicSpline(self.a, whole, axis=-3)(self.a, 1)
-        across = CubicSpline(both, whole, axis=-2)(both, 1)
+        symmetric = np.concatenate([mirrored, positions], axis=-2)
+        nodes = np.concatenate([-self.b[:0:-1], self.b])
+        along = CubicSpline(self.a, symmetric, axis=-3)(self.a, 1)
+        across = CubicSpline(nodes, symmetric, axis=-2)(nodes, 1)
         normal = np.cross(along, across)[..., len(self.b) - 1 :, :]
         out: Array = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
         return out
 
 
 def modes_of(snapshots: Array, most: int) -> tuple[Array, Array]:
-    """Return amounts (N, R) and modes (R, ...), leading singular vectors of snapshots (N, ...).
+    """Return amounts (N, R) and modes (R, ...): the leading singular vectors of snapshots.
 
-    most: R where there are as many snapshots; a multiple of FOUR, and so is R.
+    Args:
+        snapshots: (N, ...) fields.
+        most: Largest R, a multiple of FOUR. R is the largest multiple of FOUR that the number of
+            singular values allows.
     """
     flat = snapshots.reshape(len(snapshots), -1)
     left, values, right = np.linalg.svd(flat, full_matrices=False)
@@ -121,29 +138,49 @@ def modes_of(snapshots: Array, most: int) -> tuple[Array, Array]:
 
 
 def on_cells(values: Array, chart: Chart, cells: Cells) -> Array:
-    """Return fields (..., A, B, C) of a chart at the nodes of cells, faded out at their border.
+    """Return the fields of a chart at the nodes of cells, faded out at the cells' border.
 
-    C is three or more vectors along e, f, m: the second component of each is odd in b.
+    Args:
+        values: (..., A, B, C) fields at the nodes of the chart. C counts the components along
+            e, f, m of one or more vectors; the second component of each is odd in b.
+        chart: Places where the fields are given.
+        cells: Places where the fields are wanted.
     """
     odd = np.where(np.arange(values.shape[-1]) % 3 == 1, -1.0, 1.0)
-    whole = np.concatenate([values[..., :0:-1, :] * odd, values], axis=-2)
+    symmetric = np.concatenate([values[..., :0:-1, :] * odd, values], axis=-2)
     a, b = cells.places()
     place = (a - chart.start) / chart.step, b / chart.step + len(chart.b) - 1
-    flat = np.moveaxis(whole, -1, -3).reshape(-1, *whole.shape[-3:-1])
-    nodes = np.stack([map_coordinates(one, place, order=3, mode="nearest") for one in flat])
+    flat = np.moveaxis(symmetric, -1, -3).reshape(-1, *symmetric.shape[-3:-1])
+    nodes = np.stack(
+        [map_coordinates(component, place, order=3, mode="nearest") for component in flat]
+    )
     nodes = nodes.reshape(*values.shape[:-3], values.shape[-1], *a.shape) * cells.window()
     return np.moveaxis(nodes, -3, -1)
 
 
 def six(chart: Chart, radius: float, displacement: Array) -> Array:
-    """Return (..., A, B, 6) displacement u (..., A, B, 3) and turn of the normal of a sphere."""
+    """Return the (..., A, B, 6) displacement, mm, and turn of the normal of a sphere's surface.
+
+    Args:
+        chart: Places of the nodes.
+        radius: Radius of the sphere, mm.
+        displacement: (..., A, B, 3) displacement of the nodes along e, f, m, mm.
+    """
     directions = chart.directions()
     normals = chart.normals(radius * directions + displacement)
     return np.concatenate([displacement, turn(directions, normals)], axis=-1)
 
 
 def resampled(nodes: Array, values: Array, axis: int, count: int, step: float) -> Array:
-    """Return values at 0, step, 2 step, ... by the cubic spline through values at nodes."""
+    """Return values at ``count`` nodes 0, step, 2 step, ... by a cubic spline along an axis.
+
+    Args:
+        nodes: Places of the given values along the axis.
+        values: Values at the nodes.
+        axis: Axis of ``values`` along which the nodes lie.
+        count: Number of new nodes.
+        step: Distance of two new nodes.
+    """
     out: Array = CubicSpline(nodes, values, axis=axis)(np.arange(count) * step)
     return out
 

@@ -2,9 +2,13 @@
 
     PYTHONPATH=.:plugins python scripts/fem/pack_scenes.py OUT RUN.npz ...
 
-A run is an npz: ``d`` (D,) mm; ``tips`` (K, 3) x, y and share of d; ``sym`` true where every tip
-with y > 0 has its mirror image; ``pu``, ``pn`` (D, P, 3) displacement and normal at the pins of
-``layout``, in the order of LAYOUTS.
+A run is an npz file of the arrays
+
+* ``d``: (D,) depths, mm;
+* ``tips``: (K, 3) x and y of each tip, mm, and its share of ``d``;
+* ``sym``: true where every tip with y > 0 has its mirror image;
+* ``pu``, ``pn``: (D, P, 3) displacement, mm, and normal at the pins of ``layout``, in the order of
+  LAYOUTS.
 """
 
 from __future__ import annotations
@@ -48,13 +52,18 @@ PARAMETERS = {
         "read": "off a chart of 2.5 deg with cubic splines",
     },
 }
-"""Of the runs; lengths mm, moduli in units of the skin's."""
+"""Parameters of the runs; lengths are in mm, moduli in units of the skin's."""
 _RESTING_DEG = 0.6
-"""By which a mm of depth turns, at most, normals 45 deg away (seen: 0.45)."""
+"""Largest turn of normals 45 deg away from every tip, for each mm of depth (seen: 0.45)."""
 
 
 def pack(paths: Sequence[Path], out: Path) -> str:
-    """Write the file and return its sha256. Raises UserError for files that are no runs."""
+    """Write the file of the reference scenes and return its sha256.
+
+    Raises:
+        UserError: No run is given, or a run cannot be read, has arrays of other shapes, values that
+            are not finite or too large, or was made for other pins than those of ``layout``.
+    """
     if not paths:
         raise UserError("there are no runs to pack; give their npz files.")
     directions = np.concatenate([layout(pins) for pins in LAYOUTS])
@@ -113,7 +122,7 @@ def _packed(
 
 
 def _turned_far_away(tips: Array, directions: Array, normals: Array) -> float:
-    """Largest turn, deg, of normals more than 45 deg from every tip."""
+    """Return the largest turn of the normals that are more than 45 deg from every tip, deg."""
     at = np.concatenate([tips[:, :2], np.zeros((len(tips), 1))], axis=1)
     at[:, 2] = np.sqrt((DOME_RADIUS_MM + RADIUS_MM) ** 2 - (at**2).sum(axis=1))
     along = directions @ at.T / (DOME_RADIUS_MM + RADIUS_MM)
@@ -123,9 +132,10 @@ def _turned_far_away(tips: Array, directions: Array, normals: Array) -> float:
 
 
 def _in_the_plane(vectors: Array, directions: Array) -> Array:
-    """Vectors of pins in the plane of symmetry y = 0 without their y: there is none.
+    """Return vectors of pins in which those in the plane of symmetry y = 0 have no y component.
 
-    A run sees one side of the plane only, so that its differences across it are one-sided.
+    By symmetry there is none, but a run sees one side of the plane only, so that its differences
+    across the plane are one-sided.
     """
     out: Array = vectors.copy()
     out[:, abs(directions[:, 1]) < 1e-9, 1] = 0.0

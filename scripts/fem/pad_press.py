@@ -19,10 +19,24 @@ from tactibench_sim.fem.continuation import Settings
 class Pad:
     """A flat round pad of gel with a skin, bonded to a rigid backing; its side is free.
 
-    Lengths mm; moduli in units of the skin's. thickness: gel and skin. skin: 0 for none, the gel's
-    modulus is 1 / stiffness_ratio all the same. width: diameter. marker_depth: of the markers below
-    the surface. contact_size: largest element edge of the surface within contact_radius of the
-    axis; skin_size, gel_size: elsewhere. penalty: contact stiffness, E_skin / mm.
+    Lengths are in mm, moduli in units of the skin's.
+
+    Attributes:
+        thickness: Thickness of gel and skin together.
+        skin: Thickness of the skin; 0 for none. The gel's modulus is 1 / stiffness_ratio all the
+            same.
+        stiffness_ratio: E_skin / E_gel.
+        width: Diameter of the pad.
+        marker_depth: Depth of the markers below the surface.
+        contact_size: Largest element edge of the surface within ``contact_radius`` of the axis.
+        contact_radius: Radius of the part of the surface that has fine elements.
+        skin_size: Largest element edge elsewhere in the skin.
+        gel_size: Largest element edge in the gel.
+        penalty: Contact stiffness, E_skin / mm.
+
+    Raises:
+        ValueError: The skin is as thick as the pad, or the markers or the fine elements lie outside
+            of the pad.
     """
 
     thickness: float = 10.0
@@ -53,10 +67,13 @@ class Pad:
 
 @dataclass(frozen=True, eq=False)
 class PadProfile:
-    """One converged state at the undeformed distances from the axis asked for.
+    """One converged state at N undeformed distances from the axis.
 
-    surface, marker: (2, N) displacement w into the pad and t away from the axis, mm, on the surface
-    and marker_depth below it. force: along the axis, E_skin mm^2.
+    Attributes:
+        delta: Penetration, mm.
+        force: Force along the axis, E_skin mm^2.
+        surface: (2, N) displacement w into the pad and t away from the axis of the surface, mm.
+        marker: (2, N) the same of points ``marker_depth`` below the surface, mm.
     """
 
     delta: float
@@ -68,11 +85,21 @@ class PadProfile:
 def press_pad(
     pad: Pad, radius: float, deltas: Array, r: Array, *, settings: Settings | None = None
 ) -> Iterator[PadProfile]:
-    """Press a sphere of ``radius`` mm on the pad's axis to each of ``deltas``, ascending.
+    """Yield the state of the pad at each depth of a press on its axis.
 
-    r: (N,) distances from the axis, mm, 0..width / 2. For depths beyond its radius the sphere is
-    the end of a rod. Raises UserError for a plate (all of a flat pad would touch at once),
-    NotConvergedError, UserError without NGSolve.
+    For depths beyond its radius the sphere is the end of a rod.
+
+    Args:
+        pad: Pad that is pressed.
+        radius: Radius of the sphere, mm.
+        deltas: (D,) penetrations, ascending, mm.
+        r: (N,) distances from the axis, mm, 0..width / 2.
+        settings: Settings of the increments; None: those of ``AxisymmetricPress``.
+
+    Raises:
+        UserError: The indenter is a plate, which all of a flat pad would touch at once, or NGSolve
+            is not installed.
+        NotConvergedError: A run failed.
     """
     if math.isinf(radius):
         raise UserError("a flat pad is pressed by spheres only; give a finite radius.")
@@ -87,7 +114,14 @@ def press_pad(
 
 
 def _level(problem: AxisymmetricPress, pad: Pad, r: Array, below: float) -> Array:
-    """Return (2, N) displacement into the pad and away from the axis, ``below`` its surface, mm."""
+    """Return the (2, N) displacement into the pad and away from the axis, mm, in one level.
+
+    Args:
+        problem: State of the pad.
+        pad: Pad that is pressed.
+        r: (N,) distances from the axis, mm.
+        below: Depth of the level below the surface, mm.
+    """
     inside = 1e-7 * pad.width
     x = np.clip(r, inside, pad.width / 2 - inside)
     y = np.full_like(x, min(pad.thickness - below, pad.thickness - inside))
@@ -97,7 +131,10 @@ def _level(problem: AxisymmetricPress, pad: Pad, r: Array, below: float) -> Arra
 
 
 def pad_meridian(pad: Pad) -> Any:
-    """Rectangles of gel and skin on the backing at height 0, fine at the contact."""
+    """Return the mesh of a meridian: rectangles of gel and skin, fine at the contact.
+
+    The backing is at height 0.
+    """
     ngs = require_ngsolve()
     from netgen.occ import Glue, OCCGeometry, WorkPlane
 

@@ -2,9 +2,9 @@
 
     PYTHONPATH=.:plugins python scripts/fem/press_other_tips.py OUT RUNS
 
-OUT stands as plugins/tactibench_sim/reference_frames/other_tips.npz. A quarter of an hour; every
-press is kept in the folder RUNS, and the script goes on where it stopped. One or two tips of one
-radius that move along -z, on and off the apex; no table was made from these runs.
+OUT ships as plugins/tactibench_sim/reference_frames/other_tips.npz. It takes a quarter of an hour;
+every press is kept in the folder RUNS, and the script goes on where it stopped. One or two tips of
+one radius move along -z, on and off the apex; no table was made from these runs.
 """
 
 from __future__ import annotations
@@ -28,9 +28,13 @@ Arrays = Mapping[str, np.ndarray[Any, Any]]
 
 
 class Run(NamedTuple):
-    """Tips of one radius at some places, mm, and the depths that they are taken to in turn.
+    """Tips of one radius at some places, and the depths to which they are pressed in turn.
 
-    A place beside the plane y = 0 stands for itself and its mirror image.
+    Attributes:
+        radius: Radius of every tip, mm.
+        places: x and y of each tip, mm. A place beside the plane y = 0 stands for itself and its
+            mirror image.
+        depths: Depths of all tips, mm, one row after the other.
     """
 
     radius: float
@@ -60,11 +64,16 @@ RUNS = {
     "s_r7_8": Run(7, ((8, 0),), ((1,), (2,), (3,))),
     "p12_r8": Run(8, ((-6, 0), (6, 0)), ((1, 1), (3, 3))),
 }
-"""By name: p or s for a pair or a single, its spacing, the radius, where its middle lies, mm."""
+"""Name -> run. A name holds p and the spacing for a pair, s for a single, then the radius and the
+place of the middle, mm."""
 
 
 def press(run: Run) -> dict[str, Any]:
-    """Return the displacements (D, P, 3) of the pin bases. Raises fem.NotConvergedError."""
+    """Return the (D, P, 3) displacements of the pin bases, mm, by the name "u".
+
+    Raises:
+        fem.NotConvergedError: The run failed.
+    """
     dome, pins = fem.Dome(), layout(127)
     tips = [Tip.downwards(dome, *place, run.radius) for place in run.places]
     way = np.array(run.depths, dtype=np.float64)
@@ -77,17 +86,17 @@ def press(run: Run) -> dict[str, Any]:
 
 
 def pack(out: Path, folder: Path) -> str:
-    """Press what is not in the folder yet, write the file and return its digest."""
+    """Make the runs that are missing in the folder, write the file and return its digest."""
     arrays: dict[str, Any] = {"directions": layout(127)}
     radius = {}
     for name, run in RUNS.items():
-        kept = folder / f"{name}.npz"
-        if not kept.is_file():
+        file = folder / f"{name}.npz"
+        if not file.is_file():
             report_progress(name)
-            found = press(run)
-            np.savez(kept.with_suffix(".part.npz"), **found)
-            kept.with_suffix(".part.npz").replace(kept)
-        with np.load(kept) as archive:
+            displacements = press(run)
+            np.savez(file.with_suffix(".part.npz"), **displacements)
+            file.with_suffix(".part.npz").replace(file)
+        with np.load(file) as archive:
             for part, content in _by_share(run, dict(archive)).items():
                 arrays |= {f"{name}{part}_{key}": array for key, array in content.items()}
                 radius[f"{name}{part}"] = run.radius
@@ -100,7 +109,7 @@ def pack(out: Path, folder: Path) -> str:
 
 
 def _by_share(run: Run, found: Arrays) -> dict[str, dict[str, Any]]:
-    """Return the scenes of a run by the share of depth of its tips: "" where all are equal."""
+    """Return suffix -> scenes of a run: "" for tips of equal depth, "_un" for unequal ones."""
     images = [((x, y), (x, -y))[: 1 if y == 0 else 2] for x, y in run.places]
     places = np.array([place for pair in images for place in pair])
     depths = np.array([row * (len(places) // len(row)) for row in run.depths], dtype=float)

@@ -2,11 +2,11 @@
 
     PYTHONPATH=.:plugins python scripts/fem/press_sideways.py sideways.npz
 
-Five minutes. One or two tips of one radius, or a plate, go down along -z and then sideways, with
-Coulomb's friction of finite size; no table was made from these runs. The file holds (S,) radii and
-coefficients of friction, (S, 2, 2) places and (S, 2) depths where the tips end, mm, NaN for no
-second tip, the (S, 2) way that they went sideways, mm, and (S, 127, 3) displacements of the pin
-bases, mm.
+It takes five minutes. One or two tips of one radius, or a plate, go down along -z and then
+sideways, with Coulomb's friction of finite size; no table was made from these runs. The file holds
+(S,) radii and coefficients of friction, (S, 2, 2) places and (S, 2) depths where the tips end, mm,
+NaN for no second tip, the (S, 2) way that they went sideways, mm, and (S, 127, 3) displacements of
+the pin bases, mm.
 """
 
 from __future__ import annotations
@@ -33,9 +33,15 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class Slide:
-    """Tips that go down at places to depths, and then sideways along a direction.
+    """Tips that go down to some depths, and then sideways.
 
-    ways: mm, at each of which the field is taken. A radius of inf is a plate, at (0, 0).
+    Attributes:
+        radius: Radius of every tip, mm; inf: a plate, at (0, 0).
+        friction: Coulomb's coefficient.
+        places: x and y where each tip goes down, mm.
+        depths: Depth to which each tip goes down, mm.
+        direction: Unit vector of the sideways move.
+        ways: Lengths of the sideways move at which the field is taken, mm.
     """
 
     radius: float
@@ -66,7 +72,12 @@ SLIDES = (
 
 
 def make(path: Path) -> str:
-    """Press all scenes, write the file and return its digest. Raises fem.NotConvergedError."""
+    """Press all scenes, write the file and return its digest.
+
+    Raises:
+        UserError: NGSolve is not installed.
+        fem.NotConvergedError: A run failed.
+    """
     dome = fem.Dome()
     rows: dict[str, list[Array]] = {
         name: [] for name in ("radius", "friction", "xy", "depth", "move", "u")
@@ -99,7 +110,7 @@ def _tip(dome: fem.Dome, place: Place, radius: float) -> Tip:
 
 
 def _ends(slide: Slide, way: float) -> tuple[Array, Array]:
-    """Return places (2, 2) and depths (2,) of the tips after the way; their height stays."""
+    """Return places (2, 2) and depths (2,) of the tips after the move, which keeps their height."""
     xy, depth = np.full((2, 2), np.nan), np.full(2, np.nan)
     for k, (place, down) in enumerate(zip(slide.places, slide.depths, strict=True)):
         if math.isinf(slide.radius):
@@ -115,7 +126,12 @@ def _ends(slide: Slide, way: float) -> tuple[Array, Array]:
 
 
 def _at_pins(inner: Callable[[Array], Array], mirror: bool) -> Array:
-    """Return (127, 3) displacements of the pin bases; a mirrored mesh is the half y > 0."""
+    """Return the (127, 3) displacements of the pin bases, mm.
+
+    Args:
+        inner: Function that gives the displacement of the inner skin in (N, 3) directions.
+        mirror: Whether the mesh is only the half y > 0 of the dome.
+    """
     pins = layout(127)
     if not mirror:
         return inner(pins)

@@ -1,10 +1,15 @@
 """Three-dimensional runs from which the corrections of a table are learned, kept in a folder.
 
-One file a run, written when the run is complete, so an interrupted tabulation goes on with the next
-one. A run holds ``u`` (S, 2, A, B, 3): displacement of the inner and the outer skin, mm, along
-e, f, m at the nodes ``a`` (A,) and ``b`` (B,), deg, of a chart (see ``modes.Chart``), NaN
-below the dome's rim; ``d``: (S,) or (S, 2) penetrations, mm; ``radius`` mm; and ``beta``, the polar
-angle of one contact, or ``alpha``, the angle between two, rad. ``parameters``: what was run.
+Each run has a file, written when the run is complete, so that an interrupted tabulation goes on
+with the next run. A file holds
+
+* ``u``: (S, 2, A, B, 3) displacement of the inner and the outer skin along e, f, m at the nodes of
+  a chart (see ``modes.Chart``), mm; NaN below the dome's rim;
+* ``a``, ``b``: (A,) and (B,) nodes of the chart, deg;
+* ``d``: (S,) penetrations of one contact or (S, 2) of two, mm;
+* ``radius``: radius of the indenter, mm;
+* ``beta``: polar angle of one contact, or ``alpha``: angle between two contacts, rad;
+* ``parameters``: dome, mesh, contact and solver of the run, as JSON.
 
 All 14 runs of a sphere and a plate take up to an hour of one core.
 """
@@ -39,8 +44,8 @@ DEPTHS_MM = tuple(0.5 * k for k in range(1, 14))
 ANGLES_DEG = (9.0, 14.0, 18.5, 24.0, 31.0, 40.0)
 PLATE_DEPTHS_MM = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 ENOUGH_MM = 4.0
-"""A single contact that stops beyond it keeps the depths it reached: a plate at 55 deg meets the
-clamped rim at about 5 mm, and no finite-element run goes on from there."""
+"""A run of a single contact that fails beyond this depth keeps the depths that it reached: a plate
+at 55 deg meets the clamped rim at about 5 mm, and no finite-element run goes on from there."""
 PAIR_DEPTHS_MM = (0.75, 1.75, 3.0, 4.5, 6.25)
 NOMINAL_MM = 3.0
 """Radius of the tips of the published experiments: the only ones that are tabulated to 6.5 mm."""
@@ -56,7 +61,13 @@ _RIM = 1e-3  # height above the base, dome radii, below which there is no skin
 
 @dataclass(frozen=True)
 class Run:
-    """One contact at ``degrees`` from the apex, or two that far apart on both sides of it."""
+    """A run of one contact, or of two contacts on both sides of the apex.
+
+    Attributes:
+        radius: Radius of the indenters, mm; inf: a plate.
+        degrees: Angle of one contact from the apex, or between two contacts, deg.
+        pair: Whether there are two contacts.
+    """
 
     radius: float
     degrees: float
@@ -78,7 +89,11 @@ class Run:
         return tuple(Tip.along_axis(dome, _tilted(turn), self.radius) for turn in turns)
 
     def depths(self) -> Array:
-        """Return (S, K) depths on a way of short steps: rows to and fro, the first tip deeper."""
+        """Return the (S, K) depths in order, mm.
+
+        Those of pairs go to and fro row by row, so that steps are short; no second tip is deeper
+        than the first.
+        """
         if not self.pair:
             return np.array(self._single_depths())[:, None]
         way: list[tuple[float, float]] = []
@@ -101,13 +116,13 @@ class Run:
         return tuple(share * deepest(self.radius) for share in OTHER_PAIR_DEPTHS)
 
     def frame(self) -> Array:
-        """Return (3, 3) rows e, f, m."""
+        """Return the (3, 3) unit vectors e, f, m of the run, as rows."""
         m = _tilted(0.0 if self.pair else self.degrees)
         return np.array([[m[2], 0.0, -m[0]], [0.0, 1.0, 0.0], m])
 
 
 def plan(radii: Sequence[float]) -> tuple[Run, ...]:
-    """Return the runs for indenters of ``radii``: singles of each, pairs of the smallest sphere."""
+    """Return the runs for a table: singles of each radius, mm, and pairs of the smallest sphere."""
     singles = [Run(radius, degrees, False) for radius in radii for degrees in BETAS_DEG]
     spheres = [radius for radius in radii if math.isfinite(radius)]
     pairs = [Run(radius, degrees, True) for radius in sorted(spheres)[:1] for degrees in ANGLES_DEG]
@@ -115,7 +130,12 @@ def plan(radii: Sequence[float]) -> tuple[Run, ...]:
 
 
 def tip_plan(radii: Sequence[float], pair_radii: Sequence[float]) -> tuple[Run, ...]:
-    """Return the runs for tips other than the nominal one."""
+    """Return the runs for tips other than the nominal one.
+
+    Args:
+        radii: Radii of single contacts, mm.
+        pair_radii: Radii of pairs, mm.
+    """
     singles = [Run(radius, degrees, False) for radius in radii for degrees in BETAS_DEG]
     pairs = [
         Run(radius, degrees, True)
@@ -129,7 +149,17 @@ def tip_plan(radii: Sequence[float], pair_radii: Sequence[float]) -> tuple[Run, 
 def states(
     run: Run, dome: fem.Dome, fineness: Fineness, depths: Array | None = None
 ) -> Iterator[Array]:
-    """Yield (2, A, B, 3) of every state of a run, or of other ``depths``, if it converges."""
+    """Yield the (2, A, B, 3) displacement of every state of a run, mm, as ``sampled`` gives it.
+
+    Args:
+        run: Run to make.
+        dome: Dome that is pressed.
+        fineness: Mesh of the dome.
+        depths: (S, K) depths in place of those of the run, mm.
+
+    Raises:
+        NotConvergedError: The run failed.
+    """
     planned = run.depths() if depths is None else depths
     press = SpatialPress(dome, run.tips(dome), planned, mirror=True, fineness=fineness)
     for row in planned:
@@ -138,13 +168,16 @@ def states(
 
 
 def sampled(field: SpatialField, run: Run) -> Array:
-    """Return (2, A, B, 3) displacement of both skins along e, f, m at the chart's nodes."""
+    """Return the (2, A, B, 3) displacement of both skins along e, f, m at the chart's nodes, mm.
+
+    It is NaN below the dome's rim.
+    """
     frame = run.frame()
     directions = run.chart.directions() @ frame
-    there = directions[..., 2] > _RIM
+    on_skin = directions[..., 2] > _RIM
     out = np.full((2, *directions.shape), np.nan)
     for skin, displacement in enumerate((field.inner, field.outer)):
-        out[skin][there] = displacement(directions[there]) @ frame.T
+        out[skin][on_skin] = displacement(directions[on_skin]) @ frame.T
     return out
 
 
@@ -155,35 +188,47 @@ def make(
     progress: Callable[[str], None] = lambda _: None,
     fineness: Fineness | None = None,
 ) -> tuple[list[Single], list[Pair]]:
-    """Read the runs of a folder and make those that are missing.
+    """Return the single contacts and the pairs of a folder's runs; missing runs are made.
 
-    Raises NotConvergedError where a run fails (see ENOUGH_MM); UserError without NGSolve, and for
-    a file that is unreadable or of another dome or mesh.
+    Args:
+        folder: Folder of the runs; it is made where it does not exist.
+        dome: Dome that is pressed.
+        runs: Runs that are wanted.
+        progress: Function that is told the name of each missing run before it starts.
+        fineness: Mesh of the dome; None: the default one.
+
+    Raises:
+        NotConvergedError: A run failed (see ENOUGH_MM).
+        UserError: NGSolve is not installed, or a file cannot be read or is of another dome or mesh.
     """
     folder.mkdir(parents=True, exist_ok=True)
     fineness = fineness or Fineness()
     parameters = _parameters(dome, fineness)
-    found = []
+    contacts = []
     for run in runs:
         path = folder / f"{run.name}.npz"
         if not path.exists():
             progress(run.name)
             _write(path, run, _reached(run, dome, fineness), parameters)
-        found.append(read(path, parameters))
-    singles = [one for one in found if isinstance(one, Single)]
-    return singles, [one for one in found if isinstance(one, Pair)]
+        contacts.append(read(path, parameters))
+    singles = [contact for contact in contacts if isinstance(contact, Single)]
+    return singles, [contact for contact in contacts if isinstance(contact, Pair)]
 
 
 def _reached(run: Run, dome: fem.Dome, fineness: Fineness) -> Array:
-    """Return (S, 2, A, B, 3): all states of a pair; of one contact those that were reached."""
-    found: list[Array] = []
+    """Return the (S, 2, A, B, 3) states of a run: all of a pair, those reached of one contact.
+
+    Raises:
+        NotConvergedError: A run of a pair failed, or one of a single contact before ENOUGH_MM.
+    """
+    reached: list[Array] = []
     try:
         for state in states(run, dome, fineness):
-            found.append(state)  # noqa: PERF402  (kept where the next one fails)
+            reached.append(state)  # noqa: PERF402  (kept where the next one fails)
     except fem.NotConvergedError:
-        if run.pair or not found or run.depths()[len(found) - 1, 0] < ENOUGH_MM:
+        if run.pair or not reached or run.depths()[len(reached) - 1, 0] < ENOUGH_MM:
             raise
-    return np.array(found)
+    return np.array(reached)
 
 
 def _write(path: Path, run: Run, u: Array, parameters: Mapping[str, Any]) -> None:
@@ -203,7 +248,11 @@ def _write(path: Path, run: Run, u: Array, parameters: Mapping[str, Any]) -> Non
 
 
 def read(path: Path, parameters: Mapping[str, Any] | None = None) -> Single | Pair:
-    """One run. Raises UserError where it is unreadable, or made with other ``parameters``."""
+    """Return the run that a file holds.
+
+    Raises:
+        UserError: The file cannot be read, or its run was made with other ``parameters``.
+    """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             content = {name: archive[name] for name in archive.files}
@@ -232,7 +281,19 @@ def with_corrections(
     folder: Path,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-    """Arrays and parameters of a table file, with the corrections that a folder's runs tell."""
+    """Return arrays and parameters of a table file, with corrections learned from runs.
+
+    Args:
+        arrays: Arrays of the file without corrections.
+        parameters: Parameters of the file without corrections.
+        dome: Dome that is pressed.
+        folder: Folder of the runs; missing runs are made.
+        progress: Function that is told the name of each missing run before it starts.
+
+    Raises:
+        NotConvergedError: A run failed (see ENOUGH_MM).
+        UserError: NGSolve is not installed, or a file cannot be read or is of another dome or mesh.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     data_file.write(folder / "plain.npz", arrays, dict(parameters))
     plain = tables.read(folder / "plain.npz")
@@ -259,7 +320,7 @@ def _parameters(dome: fem.Dome, fineness: Fineness) -> dict[str, Any]:
 
 
 def _comparable(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Runs may be continued with another version of the solver."""
+    """Return parameters without the solver: runs may be continued with another version of it."""
     return {key: value for key, value in parameters.items() if key != "solver"}
 
 

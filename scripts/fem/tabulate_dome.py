@@ -2,9 +2,9 @@
 
     PYTHONPATH=.:plugins python scripts/fem/tabulate_dome.py OUT [--radius R ...]
 
-Half a minute a radius. --corrections FOLDER adds what contacts off the apex and pairs need, from
-three-dimensional runs that are kept in that folder (an hour; given again, it goes on where it
-stopped). Give OUT to a sensor with --param sensor.table=OUT.
+It takes half a minute a radius. --corrections FOLDER adds the corrections for contacts off the apex
+and for pairs, from three-dimensional runs that are kept in that folder. They take an hour; the same
+command given again goes on where it stopped. Give OUT to a sensor with --param sensor.table=OUT.
 """
 
 from __future__ import annotations
@@ -39,14 +39,23 @@ def tabulate(
     progress: Callable[[str], None] = lambda _: None,
     runs: Path | None = None,
 ) -> str:
-    """Press spheres of ``radii`` mm (inf: a plate), write the file and return its digest.
+    """Press spheres, write the file of their tables and return its digest.
 
-    runs: a folder for three-dimensional runs (see ``snapshots``), those that are missing there are
-    made, which takes an hour; from them the file gets corrections for contacts off the apex and for
-    pairs. None: a file without corrections.
+    Nothing is written unless every run converged.
 
-    Nothing is written unless every run converged. Raises UserError without NGSolve,
-    fem.NotConvergedError where a run fails.
+    Args:
+        path: File to write.
+        dome: Dome that is pressed.
+        radii: Radii of the spheres, mm; inf: a plate.
+        progress: Function that is told the name of each run before it starts.
+        runs: Folder of three-dimensional runs (see ``snapshots``), from which the file gets
+            corrections for contacts off the apex and for pairs. Runs that are missing there are
+            made, which takes an hour. None: a file without corrections.
+
+    Raises:
+        UserError: NGSolve is not installed, or a run in the folder cannot be read or is of another
+            dome or mesh.
+        fem.NotConvergedError: A run failed.
     """
     depths = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
     delta = np.asarray(depths, dtype=np.float64)
@@ -67,7 +76,14 @@ def tabulate(
 
 
 def columns(dome: fem.Dome, radius: float, delta: Array, polar: Array) -> dict[str, Array]:
-    """The quantities of a table: (D, T) each, force (D,)."""
+    """Return the quantities of a table: (D, T) each, mm and rad; force (D,), E_skin mm^2.
+
+    Args:
+        dome: Dome that is pressed on its apex.
+        radius: Radius of the indenter, mm; inf: a plate.
+        delta: (D,) penetrations, ascending, mm.
+        polar: (T,) polar angles at which the field is sampled, rad.
+    """
     profiles = list(press(dome, radius, delta, polar))
     w, t = np.stack([p.inner for p in profiles], axis=1)
     w_outer, t_outer = np.stack([p.outer for p in profiles], axis=1)
@@ -82,10 +98,16 @@ def columns(dome: fem.Dome, radius: float, delta: Array, polar: Array) -> dict[s
 
 
 def normal_rotation(radius: float, polar: Array, w: Array, t: Array) -> Array:
-    """Finite rotation of the normal of a meridian displaced by w (inward) and t, rad.
+    """Return the (..., T) finite rotation of the normal of a displaced meridian, rad.
 
-    The tangent of (r - w) b + t e is (r - w + t') e - (w' + t) b; to first order this is
+    The tangent of (r - w) b + t e is (r - w + t') e - (w' + t) b; to first order the rotation is
     (dw/dtheta + t) / r.
+
+    Args:
+        radius: Radius r of the meridian, mm.
+        polar: (T,) polar angles, rad.
+        w: (..., T) inward displacement, mm.
+        t: (..., T) tangential displacement away from the contact, mm.
     """
     slope_w = CubicSpline(polar, w, axis=-1)(polar, 1)
     slope_t = CubicSpline(polar, t, axis=-1)(polar, 1)

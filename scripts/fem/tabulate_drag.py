@@ -2,11 +2,12 @@
 
     PYTHONPATH=.:plugins python scripts/fem/tabulate_drag.py OUT RUNS
 
-RUNS is a folder that keeps every run, so that an interrupted tabulation goes on where it stopped:
-48 runs of a quarter of a minute. A tip is pressed on the apex without friction, sticks there, and
-is moved sideways by a tenth of its penetration; the field is the change of the displacement for
-each unit of sideways force. It goes with cos and sin of the azimuth (a mirror plane and a small
-move leave nothing else); other orders, which grow with the move squared, are projected out.
+RUNS is a folder that keeps every run, so that an interrupted tabulation goes on where it stopped.
+There are 48 runs of a quarter of a minute. A tip is pressed on the apex without friction, sticks
+there, and is moved sideways by a tenth of its penetration; the field is the change of the
+displacement for each unit of sideways force. It goes with cos and sin of the azimuth (a mirror
+plane and a small move leave nothing else); other orders, which grow with the move squared, are
+projected out.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ Array = npt.NDArray[np.float64]
 RADII = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
 MOVE_SHARE, LEAST_MOVE_MM, MOST_MOVE_MM = 0.1, 0.05, 0.25
 SHARP_MM, SHARP, ROUND = 3.0, Fineness(contact=0.2, margin=1.0), Fineness(contact=0.3, largest=1.5)
-"""Tips smaller than the first get the second mesh, all others the third. Elements of 0.2 R instead
-of 0.3 R change the sideways stiffness under R = 3 mm by 1 %."""
+"""Tips of a radius below the first get the second mesh, all others the third. Elements of 0.2 R
+instead of 0.3 R change the sideways stiffness under R = 3 mm by 1 %."""
 SAMPLE_STEP_DEG, AZIMUTHS, POLAR_STEP_DEG = 0.5, 12, 1.0
 FINE_KNOTS_DEG, COARSE_KNOTS_DEG, FINE_TO_DEG = 1.5, 4.0, 24.0
 """Knots of the splines that smooth the mesh away: narrow about the contact, wide beyond it."""
@@ -44,7 +45,7 @@ _ABOVE_RIM_DEG = 89.5
 
 
 def end_of(radius: float) -> float:
-    """Return the greatest penetration that a tip is tabulated to, mm."""
+    """Return the greatest penetration to which a tip of radius ``radius`` mm is tabulated, mm."""
     if math.isinf(radius) or radius == NOMINAL_MM:
         return tables.shipped().by_radius[radius].deepest
     return deepest(radius)
@@ -53,8 +54,16 @@ def end_of(radius: float) -> float:
 def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _: None) -> str:
     """Make the runs that are missing in a folder, write the file and return its digest.
 
-    Nothing is written unless every run converged. Raises UserError without NGSolve,
-    fem.NotConvergedError where a run fails.
+    Nothing is written unless every run converged.
+
+    Args:
+        path: File to write.
+        runs: Folder of the runs; it is made where it does not exist.
+        progress: Function that is told the name of each run before it starts.
+
+    Raises:
+        UserError: NGSolve is not installed.
+        fem.NotConvergedError: A run failed.
     """
     runs.mkdir(parents=True, exist_ok=True)
     dome = fem.Dome()
@@ -63,14 +72,14 @@ def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _:
         each = []
         for share in SHARES:
             name = f"{tables.shape_name(radius)}_{share:g}"
-            kept = runs / f"drag_{name}.npz"
-            if not kept.exists():
+            file = runs / f"drag_{name}.npz"
+            if not file.exists():
                 progress(name)
                 change, force, moved = drag(dome, radius, share * end_of(radius))
                 data_file.write(
-                    kept, {"change": change, "force": np.array(force), "moved": moved}, {}
+                    file, {"change": change, "force": np.array(force), "moved": moved}, {}
                 )
-            with np.load(kept) as run:
+            with np.load(file) as run:
                 each.append((smoothed(run["change"] / run["force"]), run["moved"] / run["force"]))
         fields.append([field for field, _ in each])
         compliance.append([float(soft) for _, soft in each])
@@ -92,10 +101,15 @@ def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _:
 def drag(dome: fem.Dome, radius: float, depth: float) -> tuple[Array, float, Array]:
     """Press a tip on the apex and move it sideways, stuck to the skin.
 
+    Args:
+        dome: Dome that is pressed.
+        radius: Radius of the tip, mm; inf: a plate.
+        depth: Penetration, mm.
+
     Returns:
-        The change of the displacement (2, 3, T), of the inner and the outer skin, mm: inward and
-        away from the contact, which go with cos, and along the circle of latitude, with sin; the
-        sideways force, E_skin mm^2; the move () mm.
+        The (2, 3, T) change of the displacement of the inner and the outer skin, mm: inward and
+        away from the contact, which go with cos, and along the circle of latitude, which goes with
+        sin. Then the sideways force, E_skin mm^2, and the move as an array of no axis, mm.
     """
     tip = Tip.along_axis(dome, np.array([0.0, 0.0, 1.0]), radius)
     fineness = SHARP if radius < SHARP_MM else ROUND
@@ -109,20 +123,20 @@ def drag(dome: fem.Dome, radius: float, depth: float) -> tuple[Array, float, Arr
 
 
 def first_order(press: SpatialPress) -> Array:
-    """Return (2, 3, T) the first Fourier order of the present displacement, as ``drag``."""
+    """Return the (2, 3, T) first Fourier order of the present displacement, mm, as in ``drag``."""
     field = press.field()
     polar, azimuth = np.radians(samples())[:, None], (np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS
     sine, cosine = np.sin(polar) + 0 * azimuth, np.cos(polar) + 0 * azimuth
     out = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
     down = np.stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), -sine], axis=-1)
     along = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1) + 0 * out
-    found = []
+    skins = []
     for displacement in (field.inner, field.outer):
         u = displacement(out.reshape(-1, 3)).reshape(out.shape)
         inward, away, around = (np.einsum("tpk,tpk->tp", u, axis) for axis in (-out, down, along))
         orders = (inward * np.cos(azimuth), away * np.cos(azimuth), around * np.sin(azimuth))
-        found.append([2 * order.mean(axis=1) for order in orders])
-    return np.array(found)
+        skins.append([2 * order.mean(axis=1) for order in orders])
+    return np.array(skins)
 
 
 def samples() -> Array:
@@ -131,10 +145,13 @@ def samples() -> Array:
 
 
 def smoothed(field: Array) -> Array:
-    """Return (2, 3, T) at the table's polar angles of a field at those of ``samples``.
+    """Return a (2, 3, T) field at the polar angles of the table, by smoothing splines.
 
-    Least squares on the angle and its mirror image: inward is odd about the contact, the others
-    even. At the clamped rim all are 0.
+    The fit is by least squares on the angle and its mirror image: the inward component is odd about
+    the contact, the others are even. At the clamped rim all are 0.
+
+    Args:
+        field: (2, 3, T') field at the polar angles of ``samples``.
     """
     at = samples()
     degrees = np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG
@@ -150,8 +167,8 @@ def smoothed(field: Array) -> Array:
         for k, parity in enumerate((-1.0, 1.0, 1.0)):
             values = np.append(field[where, k], 0.0)
             angle = np.append(at, 90.0)
-            both = np.concatenate([parity * values[::-1], values])
-            spline = make_lsq_spline(np.concatenate([-angle[::-1], angle]), both, knots)
+            mirrored = np.concatenate([parity * values[::-1], values])
+            spline = make_lsq_spline(np.concatenate([-angle[::-1], angle]), mirrored, knots)
             out[where, k] = spline(degrees)
     out[..., -1] = 0.0
     out[:, 0, 0] = 0.0

@@ -2,7 +2,7 @@
 
     PYTHONPATH=.:plugins python scripts/fem/tabulate_instances.py OUT
 
-Twenty minutes. See ``tactibench_sim.instances`` for what the file holds.
+It takes twenty minutes. ``tactibench_sim.instances`` explains the content of the file.
 """
 
 from __future__ import annotations
@@ -31,10 +31,18 @@ EVERY = 2
 def tabulate_instances(
     path: Path, nominal: Tables, progress: Callable[[str], None] = lambda _: None
 ) -> str:
-    """Press the indenters of ``nominal`` on the eight domes around its own; the file's digest.
+    """Press indenters on the eight domes around the nominal one and return the file's digest.
 
-    Twenty minutes. Nothing is written unless every run converged. Raises UserError without NGSolve,
-    fem.NotConvergedError where a run fails.
+    It takes twenty minutes. Nothing is written unless every run converged.
+
+    Args:
+        path: File to write.
+        nominal: Tables of the nominal dome, which name the indenters.
+        progress: Function that is told the name of each run before it starts.
+
+    Raises:
+        UserError: NGSolve is not installed.
+        fem.NotConvergedError: A run failed.
     """
     ngsolve = fem.require_ngsolve()
     middle = fem.Dome(**nominal.parameters["dome"])
@@ -64,7 +72,7 @@ def tabulate_instances(
 
 
 def empty(table: Table) -> dict[str, npt.NDArray[Any]]:
-    """Arrays (3, 3, D, T) of whole numbers, and the force's (3, 3, D)."""
+    """Return zero arrays (3, 3, D, T) of whole numbers, and (3, 3, D) of floats for the force."""
     out: dict[str, npt.NDArray[Any]] = {}
     for name, field in table.fields.items():
         coarse = field[::EVERY] if name == "force" else field[::EVERY, ::EVERY]
@@ -74,7 +82,16 @@ def empty(table: Table) -> dict[str, npt.NDArray[Any]]:
 
 
 def change(name: str, values: Array, nominal: Array) -> npt.NDArray[Any]:
-    """Return a dome's column (D, T), or force (D,), minus the table's, as it is stored."""
+    """Return the difference of a dome's quantity from the nominal table, as it is stored.
+
+    Args:
+        name: Name of the quantity.
+        values: Values of the dome at every second depth and all polar angles; (D,) for the force.
+        nominal: Values of the nominal table at all depths and polar angles.
+
+    Raises:
+        ValueError: A difference is more than 16 bits can hold.
+    """
     added: Array = values - nominal[::EVERY]
     if name == "force":
         return added

@@ -41,11 +41,11 @@ the gel of a GelSight Mini is 4.5 mm in the simulator TacEx). Markers half a mil
 a cover (assumed). Wide enough for its bulge, which decays by e every 5 mm / 0.739 = 6.8 mm."""
 
 DEEPEST_MM, STEP_MM = 3.0, 0.125
-"""As deep as the radius of the protocols' tips. Beyond it a rod's wall shears the surface: runs
-stopped at 3.3 to 3.5 mm on every mesh that was tried."""
+"""Greatest penetration, which is the radius of the protocols' tips, and its step. Beyond it a rod's
+wall shears the surface: runs stopped at 3.3 to 3.5 mm on every mesh that was tried."""
 FARTHEST_MM, R_STEP_MM = 45.0, 0.1
 STEPS_MM = (0.05, 0.025, 0.0125)
-"""Largest increments, tried in turn: after a long one a surface element may be found folded."""
+"""Largest increments, tried in turn: after a long increment a surface element may be folded."""
 FOLD_MM = 0.05
 """Third difference of the surface between nodes: 0.02 at most while smooth, 0.2 at a fold."""
 
@@ -57,10 +57,20 @@ def tabulate(
     progress: Callable[[str], None] = lambda _: None,
     deepest: float | None = None,
 ) -> str:
-    """Press spheres of every radius, write the file at ``path`` and return its digest.
+    """Press spheres of every radius, write the file of their tables and return its digest.
 
-    deepest: mm; None: DEEPEST_MM, or the smallest radius. Nothing is written unless every run
-    converged. Raises UserError without NGSolve, fem.NotConvergedError where a run fails.
+    Nothing is written unless every run converged.
+
+    Args:
+        path: File to write.
+        pad: Pad that is pressed.
+        radii: Radii of the spheres, mm.
+        progress: Function that is told the name of each run before it starts.
+        deepest: Greatest penetration, mm; None: DEEPEST_MM, or the smallest radius if that is less.
+
+    Raises:
+        UserError: NGSolve is not installed, or a radius is infinite.
+        fem.NotConvergedError: A run failed.
     """
     ngsolve = require_ngsolve()
     delta = _steps(min(DEEPEST_MM, *radii) if deepest is None else deepest, STEP_MM)
@@ -84,7 +94,17 @@ def _steps(last: float, step: float) -> Array:
 
 
 def press(pad: Pad, radius: float, delta: Array, r: Array) -> dict[str, Array]:
-    """The quantities of one tip: (D, T) each, force (D,). Raises fem.NotConvergedError."""
+    """Return the quantities of one tip: (D, N) each, mm; force (D,), E_skin mm^2.
+
+    Args:
+        pad: Pad that is pressed.
+        radius: Radius of the sphere, mm.
+        delta: (D,) penetrations, mm.
+        r: (N,) distances from the axis, mm.
+
+    Raises:
+        fem.NotConvergedError: A run failed, or the surface folded with every increment.
+    """
     for largest in STEPS_MM:
         settings = Settings(cap=0.1, largest=largest, steps=40, smallest=2e-4)
         profiles = list(press_pad(pad, radius, delta, r, settings=settings))

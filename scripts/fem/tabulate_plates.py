@@ -2,11 +2,15 @@
 
     PYTHONPATH=.:plugins python scripts/fem/tabulate_plates.py OUT RATIO:FRICTION ...
 
-RATIO is E_skin / E_gel, FRICTION none or stick; minutes a dome. Besides the press, each dome has
-the response to a patch of its skin that is dragged sideways: linear and small-strain on the
-undeformed dome, incompressible, one pressure per material; the displacement of Fourier order one,
-u_r = a cos(phi), u_phi = b sin(phi), u_z = c cos(phi), with the patch around the apex, which the
-plate holds, moved by 1 mm along phi = 0. Pre-stress of the press is left out.
+RATIO is E_skin / E_gel, FRICTION is none or stick. It takes minutes a dome. Besides the press, each
+dome has the response to a patch of its skin that is dragged sideways: linear and small-strain on
+the undeformed dome, incompressible, with one pressure per material. The displacement is of Fourier
+order one,
+
+    u_r = a cos(phi), u_phi = b sin(phi), u_z = c cos(phi),
+
+where the plate holds the patch around the apex and moves it by 1 mm along phi = 0. Pre-stress of
+the press is left out.
 """
 
 from __future__ import annotations
@@ -29,17 +33,22 @@ from tactibench_sim.fem import Dome, require_ngsolve
 
 Array = npt.NDArray[np.float64]
 
-_TIE = 100.0  # E_skin / mm, holds the patch; the skin then follows by 0.99 of the plate or more
+_TIE = 100.0  # E_skin / mm, holds the patch; the skin then follows 0.99 of the plate's way or more
 DEEPEST_MM, STEP_MM, POLAR_STEP_DEG = 6.25, 0.25, 1.0
 PATCHES_DEG = (4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0, 36.0, 42.0, 50.0)
 _CLEAR_MM = 0.03  # a point of the skin this close under the plate counts as touching
 
 
 def tabulate(path: Path, kinds: Sequence[tuple[float, str]]) -> str:
-    """Write tables of plates on domes of (stiffness ratio, friction "none" or "stick").
+    """Write tables of plates on domes and return the file's digest.
 
-    Returns the file's digest. Raises UserError without NGSolve, fem.NotConvergedError where a run
-    fails.
+    Args:
+        path: File to write.
+        kinds: Stiffness ratio E_skin / E_gel and friction ("none" or "stick") of each dome.
+
+    Raises:
+        UserError: NGSolve is not installed.
+        fem.NotConvergedError: A run failed.
     """
     depths = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
     delta = np.asarray(depths, dtype=np.float64)
@@ -62,7 +71,7 @@ def tabulate(path: Path, kinds: Sequence[tuple[float, str]]) -> str:
 
 
 def _patch(radius: float, delta: Array, polar: Array, outer: Array) -> Array:
-    """Return (D,) angular radius of the part of the skin that touches the plate, rad."""
+    """Return the (D,) angular radius of the part of the skin that touches the plate, rad."""
     height = (radius - outer[0]) * np.cos(polar) - outer[1] * np.sin(polar)
     touching = height >= radius - delta[:, None] - _CLEAR_MM
     reach = np.where(touching, polar, 0.0).max(axis=1)
@@ -71,11 +80,19 @@ def _patch(radius: float, delta: Array, polar: Array, outer: Array) -> Array:
 
 
 def drag(dome: Dome, patches: Array, polar: Array) -> Array:
-    """Return the (K, T, 5) response of the inner skin to K patches, at (T,) polar angles.
+    """Return the (K, T, 5) response of the inner skin to the drag of a patch of the outer skin.
 
-    patches: (K,) angular radius of the patch, rad. Columns: W inward, T away from the contact and V
-    along the circle of latitude, mm per mm of drag; E and F, the turn of the inner normal likewise,
-    rad per mm. W, T, E go with cos(phi), V and F with sin(phi). Raises UserError without NGSolve.
+    The columns are the displacement W inward, T away from the contact and V along the circle of
+    latitude, mm per mm of drag; then the turn of the inner normal, E and F, away from the contact
+    and along the circle, rad per mm. W, T and E go with cos(phi), V and F with sin(phi).
+
+    Args:
+        dome: Dome whose skin is dragged.
+        patches: (K,) angular radius of each patch, rad.
+        polar: (T,) polar angles, rad.
+
+    Raises:
+        UserError: NGSolve is not installed.
     """
     ngs = require_ngsolve()
     mesh = dome_meridian(dome)
@@ -125,7 +142,7 @@ def _solve(ngs: Any, dome: Dome, mesh: Any, space: Any, patch: float) -> Any:
 
 
 def _strain(ngs: Any, r: Any, a: Any, b: Any, c: Any) -> tuple[list[Any], list[Any]]:
-    """Normal strains and shears of order one, their cos(phi) or sin(phi) left out."""
+    """Return the normal strains and shears of order one, without their cos(phi) or sin(phi)."""
     da, db, dc = ngs.grad(a), ngs.grad(b), ngs.grad(c)
     return (
         [da[0], (a + b) / r, dc[1]],

@@ -2,11 +2,11 @@
 
     PYTHONPATH=.:plugins python scripts/fem/tabulate_tips.py OUT RUNS [--pairs R ...]
 
-RUNS is a folder that keeps every run, so that an interrupted tabulation goes on where it stopped:
-axisymmetric single contacts (half a minute a radius), single contacts off the apex (a minute and a
-half a radius) and pairs of equal tips (a quarter of an hour a radius) in three dimensions. Radii
-without --pairs get pairs between those of their neighbours. R = 3 mm is taken from the tables that
-ship.
+RUNS is a folder that keeps every run, so that an interrupted tabulation goes on where it stopped.
+The runs are axisymmetric single contacts (half a minute a radius), and in three dimensions single
+contacts off the apex (a minute and a half a radius) and pairs of equal tips (a quarter of an hour a
+radius). The pairs of a radius that --pairs does not name are interpolated between those of its
+neighbours. R = 3 mm is taken from the tables that ship.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ RADII = (1.0, 1.5, 2.0, 2.5, 4.0, 5.0, 6.0, 8.0)
 ALL = tuple(sorted((*RADII, NOMINAL_MM)))
 STEP_MM, POLAR_STEP_DEG = 0.125, 0.5
 REACH_RADII = 2.0
-"""Depth of the axisymmetric runs in radii: beyond what is offered, so that a radius between two has
-neighbours at its own depth."""
+"""Depth of the axisymmetric runs in radii: deeper than any tip may be pressed, so that a radius
+between two others has neighbours at its own depth."""
 SHARP_MM, SHARP_APEX_MM = 2.0, 0.05
-"""Tips smaller than the first get elements of the second at the apex."""
+"""Tips of a radius below the first get elements of the size of the second at the apex."""
 MOST_AROUND, EVEN, ODD = 12, 12, 4
 SAMPLED_BETAS, SAMPLED_ANGLES = (0, 4, 8, 11), (4, 6, 7, 10, 12, 16)
 """Nodes of the nominal tip's tables near those of the runs, from which modes are chosen."""
@@ -71,8 +71,18 @@ def tabulate(
 ) -> str:
     """Make the runs that are missing in a folder, write the file and return its digest.
 
-    Nothing is written unless every run converged. Raises UserError without NGSolve,
-    fem.NotConvergedError where a run fails.
+    Nothing is written unless every run converged.
+
+    Args:
+        path: File to write.
+        runs: Folder of the runs; it is made where it does not exist.
+        pair_radii: Radii of the tips whose pairs are pressed, mm.
+        progress: Function that is told the name of each run before it starts.
+
+    Raises:
+        UserError: NGSolve is not installed, or a run in the folder cannot be read or is of another
+            dome or mesh.
+        fem.NotConvergedError: A run failed.
     """
     runs.mkdir(parents=True, exist_ok=True)
     dome = fem.Dome()
@@ -82,7 +92,7 @@ def tabulate(
     for radius in ALL:
         progress(f"sphere{radius:g}")
         each.append(single_fields(runs, dome, radius, delta, polar))
-    fields = {name: np.stack([one[name] for one in each]) for name in QUANTITIES}
+    fields = {name: np.stack([quantities[name] for quantities in each]) for name in QUANTITIES}
     singles, pairs = make(runs, dome, tip_plan(RADII, pair_radii), progress)
     arrays, grid = surroundings(singles, dome.inner)
     parameters = {"dome": asdict(dome), "corrections": grid}
@@ -103,21 +113,29 @@ def tabulate(
 
 
 def _whole(name: str, values: Array) -> npt.NDArray[Any]:
-    """Return lengths and angles as whole numbers of QUANTUM, forces as they are."""
+    """Return lengths and angles as whole multiples of QUANTUM, and forces as float32."""
     if name == "force":
         return values.astype(np.float32)
-    whole = np.round(values / QUANTUM)
-    if abs(whole).max() > np.iinfo(np.int16).max:
+    multiples = np.round(values / QUANTUM)
+    if abs(multiples).max() > np.iinfo(np.int16).max:
         raise ValueError(f"{name} reaches {abs(values).max():.2f}, more than two bytes hold")
-    return whole.astype(np.int16)
+    return multiples.astype(np.int16)
 
 
 def single_fields(
     runs: Path, dome: fem.Dome, radius: float, delta: Array, polar: Array
 ) -> dict[str, Array]:
-    """Return the quantities (D, T) of a tip on the apex; linear beyond the deepest run.
+    """Return the quantities (D, T), or force (D,), of a tip on the apex.
 
-    The nominal tip's come from the tables that ship, others' from a file of the folder.
+    Beyond the deepest run they are extended linearly. Those of the nominal tip come from the tables
+    that ship, those of other tips from a file in the folder, which is made where it is missing.
+
+    Args:
+        runs: Folder of the runs.
+        dome: Dome that is pressed.
+        radius: Radius of the tip, mm.
+        delta: (D,) penetrations, mm.
+        polar: (T,) polar angles, rad.
     """
     if radius == NOMINAL_MM:
         table = tables.shipped().by_radius[NOMINAL_MM]
@@ -146,7 +164,7 @@ def _press_apex(path: Path, dome: fem.Dome, radius: float, delta: Array, polar: 
 
 
 def _continued(values: Array, count: int) -> Array:
-    """Return values (D, ...) with as many depths as asked for, linear beyond the last."""
+    """Return values (D, ...) extended to ``count`` depths, linearly beyond the last one."""
     more = np.arange(1, count - len(values) + 1).reshape(-1, *[1] * (values.ndim - 1))
     return np.concatenate([values, values[-1] + more * (values[-1] - values[-2])])
 
@@ -154,20 +172,29 @@ def _continued(values: Array, count: int) -> Array:
 def surroundings(
     singles: Sequence[Single], inner: float
 ) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return arrays and grid of O for all radii, by shares of the greatest penetration."""
+    """Return arrays and grid of O for all radii, by shares of the greatest penetration.
+
+    Args:
+        singles: Runs of single contacts.
+        inner: Radius of the inner skin, mm.
+    """
     nominal, step = _nominal("around"), _nominal_grid()["around_step"]
     betas = np.array(sorted({single.beta for single in singles}))
     coarse = []
     for radius in RADII:
         runs = sorted((s for s in singles if s.radius == radius), key=lambda s: s.beta)
         each = [_by_share(run.depths / deepest(radius), fields_of(run, inner)) for run in runs]
-        coarse.append(on_cells(np.stack([one - each[0] for one in each]), runs[0].chart, AROUND))
-    known = nominal[list(SAMPLED_BETAS)][:, : SHARES + 1]
-    amounts, modes = reduced(np.concatenate([np.stack(coarse), known[None]]), MOST_AROUND)
+        coarse.append(
+            on_cells(np.stack([values - each[0] for values in each]), runs[0].chart, AROUND)
+        )
+    sampled = nominal[list(SAMPLED_BETAS)][:, : SHARES + 1]
+    amounts, modes = reduced(np.concatenate([np.stack(coarse), sampled[None]]), MOST_AROUND)
     tabled = resampled(betas, amounts[:-1], 1, BETAS, math.radians(BETA_STEP_DEG))
-    whole = np.insert(tabled, ALL.index(NOMINAL_MM), projected(nominal[:, : SHARES + 1], modes), 0)
+    all_amounts = np.insert(
+        tabled, ALL.index(NOMINAL_MM), projected(nominal[:, : SHARES + 1], modes), 0
+    )
     return (
-        {**split_modes("around", modes), "around_amounts": coefficients(whole, (1, 2))},
+        {**split_modes("around", modes), "around_amounts": coefficients(all_amounts, (1, 2))},
         {
             "around_step": step,
             "around_start": AROUND.start,
@@ -181,7 +208,12 @@ def surroundings(
 
 
 def together(pairs: Sequence[Pair], plain: TipTables) -> tuple[dict[str, Array], Array]:
-    """Return arrays of C, by shares of the greatest penetration, and the radii that they are of."""
+    """Return the arrays of C, by shares of the greatest penetration, and their radii, mm.
+
+    Args:
+        pairs: Runs of pairs.
+        plain: Tables of single contacts, with O.
+    """
     radii = sorted({pair.radius for pair in pairs})
     fields = []
     for radius in radii:
@@ -212,7 +244,7 @@ def together(pairs: Sequence[Pair], plain: TipTables) -> tuple[dict[str, Array],
 
 
 def _pair_amounts(found: Sequence[tuple[Pair, Array]], modes: Array) -> Array:
-    """Return (ANGLES, SHARES + 1, SHARES + 1, R) amounts of one tip's pairs."""
+    """Return the (ANGLES, SHARES + 1, SHARES + 1, R) amounts of the pairs of one tip."""
     end = deepest(found[0][0].radius)
     nodes = np.unique(np.concatenate([[0.0], found[0][0].depths.ravel() / end]).round(6))
     angles = [0.0, *(pair.angle for pair, _ in found), math.radians(FARTHEST_PAIR_DEG)]
@@ -239,13 +271,16 @@ def projected(values: Array, modes: Array) -> Array:
 
 
 def _by_share(shares: Array, values: Array) -> Array:
-    """Return values (S, ...) at shares as values at 0, 1 / SHARES, ...; linear beyond the last."""
-    nodes, known = np.append(0.0, shares), np.concatenate([np.zeros_like(values[:1]), values])
+    """Return values (S, ...) at shares as values at 0, 1 / SHARES, ..., 1.
+
+    They are zero at 0, and extended linearly beyond the last share.
+    """
+    nodes, padded = np.append(0.0, shares), np.concatenate([np.zeros_like(values[:1]), values])
     if nodes[-1] < 1.0 - 1e-9:
         ahead = (1.0 - nodes[-1]) / (nodes[-1] - nodes[-2])
-        known = np.concatenate([known, known[-1:] + ahead * (known[-1:] - known[-2:-1])])
+        padded = np.concatenate([padded, padded[-1:] + ahead * (padded[-1:] - padded[-2:-1])])
         nodes = np.append(nodes, 1.0)
-    return resampled(nodes, known, 0, SHARES + 1, 1 / SHARES)
+    return resampled(nodes, padded, 0, SHARES + 1, 1 / SHARES)
 
 
 def _nominal_grid() -> dict[str, Any]:
@@ -268,7 +303,12 @@ def _nominal(kind: str) -> Array:
 
 
 def at_nodes(spline: Array, axes: Sequence[int]) -> Array:
-    """Return the values at the nodes of cubic B-splines with coefficients along some axes."""
+    """Return the values at the nodes of cubic B-splines.
+
+    Args:
+        spline: Coefficients of the splines, one more than nodes at each end of every axis.
+        axes: Axes along which the coefficients lie.
+    """
     out = spline
     for axis in axes:
         c = np.moveaxis(out, axis, 0)
