@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE, IMAGES = ROOT / "docs" / "explanation.md", ROOT / "docs" / "images"
 BEGIN, END = "<!-- table: python scripts/draw_explanation.py -->", "<!-- end of table -->"
 MOST = "multiple"
-"""The regime that is drawn filled."""
+"""The regime whose marks are filled."""
 DECIMALS = {"missed": 1}
 TABLE = ("position_mean_mm", "missed", "spurious", "gospa1_mm")
 HEADS = (
@@ -51,12 +51,18 @@ HEADS = (
 
 
 def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
-    """Rows of the sensor with most runs, trained and tested on it, parameters at their defaults.
+    """Return the rows of a board: the sensor with most runs, default parameters, no trivial models.
 
-    They are of the newest version of the protocol that has records.
-    Networks that read other maps, mix when asked to or add plainly have rows of their own there.
+    Models are trained and tested on that sensor. The rows are of the newest version of the protocol
+    that has records. Rows with another encoder, with mixing or with other changes are left out.
+
+    Args:
+        protocol: Name of the protocol.
+        board: Folder of the boards.
     """
-    of_versions = (gather_records(one.name, board, None) for one in protocol_versions(protocol))
+    of_versions = (
+        gather_records(version.name, board, None) for version in protocol_versions(protocol)
+    )
     section = select_section(next(filter(None, of_versions), []), None, protocol)
     return [row for row in section.rows if _model(row) not in TRIVIAL and _plain(row)]
 
@@ -70,7 +76,7 @@ def _plain(row: Row) -> bool:
 
 
 def looks(rows: Iterable[Row]) -> dict[str, dict[str, Any]]:
-    """Model -> colour and marker."""
+    """Return model -> colour and marker."""
     return {model: model_look(model).points for model in sorted({_model(row) for row in rows})}
 
 
@@ -79,17 +85,17 @@ def _model(row: Row) -> str:
 
 
 def misses_picture(path: Path, rows: Sequence[Row]) -> None:
-    """Position error of the matched pairs against the share missed, a mark a training seed."""
-    made = new_figure(8.0, 4.8)
-    axes = made.subplots()
+    """Draw the position error of matched pairs against the share missed, a mark a training seed."""
+    figure = new_figure(8.0, 4.8)
+    axes = figure.subplots()
     look = looks(rows)
     for row in rows:
-        own = look[_model(row)]
+        style = look[_model(row)]
         x = [100 * _value(record, "missed") for record in row.records]
         y = [_value(record, "position_mean_mm") for record in row.records]
-        face = own["color"] if row.regime == MOST else "white"
+        face = style["color"] if row.regime == MOST else "white"
         axes.plot(
-            x, y, linestyle="none", markersize=8, markeredgewidth=1.5, markerfacecolor=face, **own
+            x, y, linestyle="none", markersize=8, markeredgewidth=1.5, markerfacecolor=face, **style
         )
     axes.set(
         xlabel="contacts missed, %",
@@ -101,24 +107,24 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
     plain(axes)
     axes.legend(handles=_legend(look), frameon=False, fontsize=9, loc="lower right")
     headline(
-        made,
+        figure,
         "Experiment 3: an error is one of the contacts that were found",
         "simulated sensor tactip-127, 1,000 pairs and 1,000 triples; a mark a training seed",
     )
-    save_png(made, path)
+    save_png(figure, path)
 
 
 def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
-    """p90 of every seed of a configuration, where all were timed with the same arithmetic."""
+    """Draw the p90 of every seed of the configurations that ``timed_alike`` returns."""
     drawn = timed_alike(rows)
-    made = new_figure(8.0, 0.42 * len(drawn) + 1.6)
-    axes = made.subplots()
+    figure = new_figure(8.0, 0.42 * len(drawn) + 1.6)
+    axes = figure.subplots()
     look = looks(rows)
     for k, row in enumerate(drawn):
         times = row.over(_p90)
-        own = look[_model(row)]
+        style = look[_model(row)]
         axes.plot([min(times), max(times)], [k, k], color=GREY, linewidth=1.2, zorder=1)
-        axes.plot(times, [k] * len(times), linestyle="none", markersize=8, **own)
+        axes.plot(times, [k] * len(times), linestyle="none", markersize=8, **style)
         axes.text(
             max(times) * 1.06,
             k,
@@ -132,20 +138,20 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
     _plain_log(axes, drawn)
     plain(axes)
     headline(
-        made,
+        figure,
         "Experiment 2: seeds of one network, timed on one shared machine",
         "the same arithmetic every time; x: slowest over fastest",
     )
-    save_png(made, path)
+    save_png(figure, path)
 
 
 def timed_alike(rows: Iterable[Row]) -> list[Row]:
-    """Return the rows with several seeds that computed in one arithmetic on one machine."""
+    """Return the rows whose several seeds were all timed in one arithmetic on one machine."""
     return [row for row in rows if len(row.over(_p90)) > 1 and len(_timed_as(row)) == 1]
 
 
 def _timed_as(row: Row) -> set[tuple[str, str]]:
-    """Arithmetic and machine of the times of all seeds."""
+    """Return the arithmetic and the machine of the times of each seed."""
     return {(str(record.timed.configuration), machine(record)) for record in row.records}
 
 
@@ -161,8 +167,8 @@ def _plain_log(axes: Axes, rows: Sequence[Row]) -> None:
 
 def _legend(look: dict[str, dict[str, Any]]) -> list[Line2D]:
     named = [
-        Line2D([], [], linestyle="none", markersize=8, label=model, **own)
-        for model, own in look.items()
+        Line2D([], [], linestyle="none", markersize=8, label=model, **style)
+        for model, style in look.items()
     ]
     hollow = Line2D(
         [],
@@ -178,7 +184,7 @@ def _legend(look: dict[str, dict[str, Any]]) -> list[Line2D]:
 
 
 def error_table(rows: Iterable[Row]) -> list[str]:
-    """Lines of the table: means over seeds; the best of each column is for the reader to find."""
+    """Return the lines of the table: means over seeds, without a mark for the best of a column."""
     body = [
         [
             Text(_model(row), "code"),
@@ -204,7 +210,7 @@ def _p90(record: Any) -> float | None:
 
 
 def with_table(page: str, lines: Sequence[str]) -> str:
-    """The page with another table between its two marks."""
+    """Return the page with the given table between its two marks."""
     before, _, rest = page.partition(BEGIN)
     _, _, after = rest.partition(END)
     return "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{after}"])

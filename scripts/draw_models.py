@@ -43,7 +43,7 @@ GATE_MM = 3.0
 LOWEST_MM = 0.003
 """Lower end of the axis: no model errs less on its easiest case."""
 TENTH = 0.1
-"""Share of the contacts missed from which on a mark is hollow."""
+"""Marks are hollow where at least this share of the contacts was missed."""
 PANELS = {
     "near": "two tips, so many mm apart",
     "individual": "other sensors, by number",
@@ -52,13 +52,19 @@ PANELS = {
     "blur": "blur, px",
     "dim": "less light, share",
 }
-"""Family of hard cases -> what gets harder."""
+"""Family of hard cases -> title of its panel."""
 COLUMNS = 3
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Error of one model along a family, the easy case first."""
+    """Error of one model along a family, the easy case first.
+
+    Attributes:
+        values: Value of each case, such as a distance.
+        errors_mm: OSPA of each case, mm; NaN where there is none.
+        missed: Share of the contacts missed in each case.
+    """
 
     values: tuple[float, ...]
     errors_mm: tuple[float, ...]
@@ -68,7 +74,7 @@ class Curve:
 def newest_rows(folder: Path = SUBMISSIONS) -> dict[str, Record]:
     """Return model -> its newest record of the newest version, trained on single presses.
 
-    Only records of the protocol's own test: other presses are no panel beside them.
+    Only records of the protocol's own test are taken: the presses of others are not the same.
     """
     rows: dict[str, Record] = {}
     for path in sorted(folder.glob("*.json")):
@@ -100,7 +106,13 @@ def curve_of(record: Record, axis: Axis) -> Curve:
 
 
 def draw_model(name: str, rows: dict[str, Record], path: Path) -> None:
-    """Draw the errors of a model on the graded hard cases before those of all others."""
+    """Draw the errors of a model on the graded hard cases in front of those of all others.
+
+    Args:
+        name: Name of the model.
+        rows: Model -> record, as ``newest_rows`` returns.
+        path: File of the picture.
+    """
     axes = {axis.family: axis for axis in load_protocol("stability").spec.axes}
     figure = new_figure(8.0, 4.7)
     panels = figure.subplots(-(-len(PANELS) // COLUMNS), COLUMNS, sharey=True)
@@ -139,7 +151,7 @@ def draw_model(name: str, rows: dict[str, Record], path: Path) -> None:
 
 
 def _draw_curve(axes: Axes, curve: Curve | None, ordered: bool, **look: object) -> Sequence[object]:
-    """Draw a line, or the marks of values that have no order; None: an empty one for a legend."""
+    """Draw a line, or marks where values have no order; None draws an empty line for a legend."""
     x, y = ([], []) if curve is None else (range(len(curve.values)), curve.errors_mm)
     if not ordered:
         look |= {"linestyle": "none", "marker": "_", "markersize": 9}

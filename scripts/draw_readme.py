@@ -52,7 +52,7 @@ def _shown(line: OverviewLine) -> bool:
 
 
 def draw(lines: Sequence[OverviewLine], path: Path) -> None:
-    """Draw, for every model, the error of one contact on the nominal sensor and on unseen ones."""
+    """Draw the error of one contact of every model, on the nominal sensor and on unseen ones."""
     from matplotlib.figure import Figure
 
     from tactibench.report.plots.style import model_look
@@ -94,7 +94,15 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
 
 
 def page_with(text: str, lines: Sequence[OverviewLine]) -> str:
-    """Return the page with the table between its marks. Raises ValueError without marks."""
+    """Return the page with the table between its marks.
+
+    Args:
+        text: Text of the page.
+        lines: Lines of the table.
+
+    Raises:
+        ValueError: The page lacks one of the two marks.
+    """
     begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
     rows = "\n".join(table_lines(overview_table(lines, interval=False, regime=False)))
     return f"{text[:begin]}\n\n{rows}\n\n{text[end:]}"

@@ -24,7 +24,7 @@ HARD = "stability@1"
 CURVES = ("superpose", "vgnn", "unet + hertz", "pins", "cnn", "nearest")
 """Models whose errors are shown case by case: a panel holds six."""
 SHOTS = {"report-wide": (1280, 1650, "#glance"), "report-phone": (390, 1400, "#exp2")}
-"""Width and height of the window, px, and what stands at its top."""
+"""Name -> width and height of the window, px, and the section at its top."""
 
 
 def draw_boards() -> None:
@@ -39,7 +39,7 @@ def draw_boards() -> None:
 
 
 def take_screenshots() -> None:
-    """Show the report of the boards in Chromium, wide and on a phone."""
+    """Take pictures of the report of the boards in Chromium, of a wide window and of a phone."""
     from playwright.sync_api import sync_playwright
 
     from tactibench.report.html import BOARD as FROM_BOARD

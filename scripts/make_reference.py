@@ -40,7 +40,16 @@ PAGES: Mapping[str, Callable[[Path], list[str]]] = {
 
 
 def text_of(name: str, root: Path = ROOT) -> str:
-    """A page as the code gives it. Raises UserError for a key, hook or metric without a word."""
+    """Return the text of a page as the code gives it.
+
+    Args:
+        name: Name of the page's file.
+        root: Root of the repository.
+
+    Raises:
+        UserError: A key, hook, metric or optional method has no description, keys.toml describes
+            something that is gone, or a plugin of this repository does not load.
+    """
     title, *rest = PAGES[name](root)
     return "\n".join(single_spaced([title, "", NOTE, *rest])) + "\n"
 

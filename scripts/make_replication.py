@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Write the tables of docs/replication.md: what the paper printed beside what the boards hold.
+"""Write the tables of docs/replication.md: the paper's numbers beside those of the boards.
 
 python scripts/make_replication.py            # the tables of docs/replication.md
 python scripts/make_replication.py --check    # exit code 1 when they are not what the records give
@@ -40,9 +40,10 @@ class System:
     """One system of the comparison: a model, its regime, and whether it is trained as in the paper.
 
     Attributes:
-        model: Its name here.
-        regime: Of the training.
-        recipe: Of the paper, with the decoder of the paper, or the default of this project.
+        model: Name of the model in this project.
+        regime: Regime of the training.
+        recipe: "paper" for the recipe and the decoder of the paper, "default" for those of this
+            project.
     """
 
     model: str
@@ -51,7 +52,7 @@ class System:
 
     @property
     def name(self) -> str:
-        """In a table: "U-Net, multiple"."""
+        """Name in a table, such as "U-Net, multiple"."""
         shown = {"unet": "U-Net", "cnn": "CNN"}[self.model]
         return shown if self.regime == "single" else f"{shown}, {self.regime}"
 
@@ -84,7 +85,7 @@ class Board:
 
     @cached_property
     def errors(self) -> Errors:
-        """Press by press, by the name of the record."""
+        """Errors press by press, by the name of the record."""
         records = [record for row in self.rows for record in row.records]
         return all_press_errors(BOARD, records)
 
@@ -121,7 +122,7 @@ SYSTEMS = {
 
 
 def results(board: Board) -> Table:
-    """Return what was printed beside what was found, a line a system and place."""
+    """Return the table of printed and measured results, a line for each system and recipe."""
     columns = METRICS[board.protocol]
     heads: list[Head] = [
         Column("system", right=False, who=True),
@@ -162,11 +163,12 @@ CLAIMS = (
     ("exp2: multiple minus single", "exp2", System("unet", "multiple"), System("unet")),
     ("exp3: multiple minus single", "exp3", System("unet", "multiple"), System("unet")),
 )
-"""What the paper compares: the second is what the first is said to beat, or to equal."""
+"""Claims of the paper: title, protocol, and two systems, of which the first beats or equals the
+second."""
 
 
 def differences(boards: Mapping[str, Board]) -> Table:
-    """Return the differences that the claims are about, press by press, with their intervals."""
+    """Return the table of the claimed differences, press by press, with their intervals."""
     heads: list[Head] = [
         Column("difference", right=False, who=True),
         "error",
@@ -183,13 +185,15 @@ def differences(boards: Mapping[str, Board]) -> Table:
 
 
 def _difference(board: Board, first: System, second: System, recipe: str) -> Cell:
-    one, other = (board.row(replace(system, recipe=recipe)) for system in (first, second))
-    if one is None or other is None:
+    first_row, second_row = (
+        board.row(replace(system, recipe=recipe)) for system in (first, second)
+    )
+    if first_row is None or second_row is None:
         return NOT_RUN
-    found = row_difference(board.protocol, one, other, board.errors)
-    if found is None:
+    difference = row_difference(board.protocol, first_row, second_row, board.errors)
+    if difference is None:
         return TOO_FEW
-    return Number(found.value, signed, (found.low, found.high))
+    return Number(difference.value, signed, (difference.low, difference.high))
 
 
 def signed(value: float) -> str:
@@ -199,7 +203,15 @@ def signed(value: float) -> str:
 
 
 def page_with(text: str, tables: Mapping[str, Table]) -> str:
-    """Return the page with every table between its marks. Raises ValueError without marks."""
+    """Return the page with every table between its marks.
+
+    Args:
+        text: Text of the page.
+        tables: Name in the marks -> table.
+
+    Raises:
+        ValueError: The page lacks a mark of a table.
+    """
     for name, shown in tables.items():
         begin, end = (mark.format(name) for mark in MARKS)
         before, _, rest = text.partition(begin)

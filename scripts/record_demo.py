@@ -2,9 +2,9 @@
 
     python scripts/record_demo.py [--models superpose,kernel] [--out docs/images/demo.gif]
 
-A real session in headless Chromium: a mouse drags one tip, presses deeper, adds a second tip, and
-takes another sensor instance. Needs `pip install "tactibench[browser]"`, a Chromium, and weights in
-the cache.
+This is a real session in headless Chromium: a mouse drags one tip, presses deeper, adds a second
+tip, and takes another sensor instance. It needs `pip install "tactibench[browser]"`, a Chromium,
+and weights in the cache.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ sys.path.insert(0, str(ROOT / "tests" / "shared"))
 
 MOST_BYTES = 1_500_000
 WIDTH = 800
-"""Of the picture: as the README shows it."""
+"""Width of the picture, px: as the README shows it."""
 ACCENTS = ("#ff7a1a", "#2ecc71", "#b3261e", "#0b5c97", "#ffffff", "#000000")
 """Colours of small marks, which a palette by area would leave out."""
 FRAME_MS = 125
 
 
 def session(page: Any) -> Iterator[None]:
-    """Move the mouse; a picture is taken at every step."""
+    """Move the mouse and yield at every step, so that a picture can be taken."""
     box = page.locator("#dome canvas").bounding_box()
 
     def at(x_mm: float, y_mm: float) -> tuple[float, float]:
@@ -43,7 +43,7 @@ def session(page: Any) -> Iterator[None]:
 
     page.mouse.move(*at(4, 0))
     page.mouse.down()
-    for k in range(24):  # round once
+    for k in range(24):  # one circle
         turn = 2 * math.pi * k / 24
         page.mouse.move(*at(4 * math.cos(turn), 4 * math.sin(turn)))
         yield
@@ -66,7 +66,7 @@ def session(page: Any) -> Iterator[None]:
 
 
 def pictures(url: str) -> list[Image.Image]:
-    """Return one picture a step, each after its answer was shown."""
+    """Return one picture for each step of a session, each taken after its answer was shown."""
     from browser import chromium
     from playwright.sync_api import sync_playwright
 

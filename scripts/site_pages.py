@@ -1,4 +1,4 @@
-"""mkdocs hook: pages of the repository outside docs/ are part of the site, and links find them."""
+"""mkdocs hook that makes pages outside docs/ part of the site and corrects links to them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OUTSIDE = (
     "protocols/*.md",
 )
 FOLDER = "repository"
-"""Where in the site they are: beside them, `README.md` would be the site's index."""
+"""Folder of these pages in the site: at its top, `README.md` would be the site's index."""
 _LINK = re.compile(r"(\]\()([^)\s#:]*)(#[^)\s]*)?(?=\))")
 
 
@@ -36,7 +36,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:  # noqa: ARG001
-    """Point links across the border of docs/ to where their page is in the site."""
+    """Point links that leave or enter docs/ to the place of their page in the site."""
     source = Path(str(page.file.abs_src_path)).resolve()
     here = posixpath.dirname(page.file.src_uri) or "."
 
@@ -52,7 +52,10 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
 
 
 def _site_name(target: Path) -> str | None:
-    """Name in the site of a file of the repository; a folder is its README or itself."""
+    """Return the name in the site of a file of the repository, None outside of the repository.
+
+    A folder stands for its README, if it has one.
+    """
     docs = ROOT / "docs"
     if target.is_relative_to(docs):
         return target.relative_to(docs).as_posix()

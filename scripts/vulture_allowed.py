@@ -24,7 +24,7 @@ UNet
 UrRobot
 VGNN
 
-# Properties of `tactibench check`: every public function of a module of checks is one
+# Properties of `tactibench check`: every public function of a module of checks is a property
 another_grid
 close_pair
 context_manager

@@ -1,1 +1,1 @@
-"""Pages of docs/reference, one module a page; `lines(root)` gives a page's lines, title first."""
+"""Pages of docs/reference, one module a page; `lines(root)` returns its lines, title first."""

@@ -11,7 +11,7 @@ from reference.text import fenced, prose
 
 
 def lines(root: Path) -> list[str]:
-    """Lines of the page."""
+    """Return the lines of the page."""
     module = Module.read(root / "tactibench" / "api.py")
     public = {name: node for name, node in module.nodes.items() if not name.startswith("_")}
     made = ["# Python", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]

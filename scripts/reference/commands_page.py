@@ -20,7 +20,11 @@ PROGRAM = "tactibench"
 
 
 def lines(root: Path) -> list[str]:
-    """Lines of the page. Raises UserError for a plugin of this repository that does not load."""
+    """Return the lines of the page.
+
+    Raises:
+        UserError: A plugin of this repository or one of its commands does not load.
+    """
     found = commands(root)
     made = [
         "# Commands",
@@ -43,9 +47,13 @@ def lines(root: Path) -> list[str]:
 
 
 def commands(root: Path) -> dict[str, tuple[click.Command, str]]:
-    """Verb -> command and summary, of the core and of the plugins that ship with it, by name.
+    """Return verb -> command and summary, of the core and of the plugins that ship with it.
 
-    Other installed plugins are left out, so that the page is the same on every machine.
+    Verbs are in order of their names. Other installed plugins are left out, so that the page is the
+    same on every machine.
+
+    Raises:
+        UserError: A plugin of this repository or one of its commands does not load.
     """
     found = {name: (_verb(main, name), summary) for name, (_, summary) in VERBS.items()}
     host = shipped_plugins(root)
@@ -57,7 +65,11 @@ def commands(root: Path) -> dict[str, tuple[click.Command, str]]:
 
 
 def _verb(group: click.Group, name: str) -> click.Command:
-    """A command of a group, which may import it now. Raises UserError where that fails."""
+    """Return a command of a group, which may import it now.
+
+    Raises:
+        UserError: The import of the command fails, or the group does not have it.
+    """
     try:
         command = group.get_command(click.Context(group), name)
     except ImportError as error:
@@ -68,7 +80,7 @@ def _verb(group: click.Group, name: str) -> click.Command:
 
 
 def shipped_plugins(root: Path) -> PluginHost:
-    """A host of the entry points in pyproject.toml, whatever is installed."""
+    """Return a host of the entry points in pyproject.toml, whatever is installed."""
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     points: Mapping[str, str] = project["entry-points"][GROUP]
     origins = [
@@ -108,7 +120,7 @@ def _options(of: list[click.Command]) -> list[str]:
 
 
 def _names(option: click.Option) -> str:
-    """``--test WHAT``, ``--yes/--no``; several when it may be given again."""
+    """Return the names of an option with its value; "..." where it may be given several times."""
     value = "" if option.is_flag or option.count else f" {_value(option)}"
     off = f"/{'/'.join(option.secondary_opts)}" if option.secondary_opts else ""
     return code(f"{', '.join(option.opts)}{off}{value}{' ...' * option.multiple}")
@@ -126,7 +138,7 @@ def _value(option: click.Option) -> str:
 
 
 def _help(option: click.Option) -> str:
-    """The help, the range of a number, and the default where it is a plain value."""
+    """Return the help, the range of a number, and the default where it is a plain value."""
     said = [option.help or ""]
     kind = option.type
     if isinstance(kind, click.IntRange | click.FloatRange):

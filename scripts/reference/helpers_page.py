@@ -1,4 +1,4 @@
-"""docs/reference/helpers.md: what a plugin may import besides the base classes and specs."""
+"""docs/reference/helpers.md: names that a plugin may import besides base classes and specs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ PACKAGES: Mapping[str, str] = {
 }
 """Public packages, in the order of the page."""
 _ELSEWHERE = {"tactibench.plugins.base", "tactibench.plugins.specs", "tactibench.plugins.hookspecs"}
-"""Modules of which the page of the hooks tells."""
+"""Modules that the page of the hooks describes."""
 _IMPORT = re.compile(r"^from \.([\w.]+) import (\w+) as \w+$", re.MULTILINE)
 
 
 def lines(root: Path) -> list[str]:
-    """Lines of the page."""
+    """Return the lines of the page."""
     made = [
         "# Helpers for authors",
         "",
@@ -43,7 +43,13 @@ def lines(root: Path) -> list[str]:
 
 
 def _entry(path: Path, package: str, name: str) -> Iterator[str]:
-    """Yield the lines of a function or a class; a constant has its value and docstring."""
+    """Yield the lines of a function or a class, or the value and docstring of a constant.
+
+    Args:
+        path: Path of the module without its suffix.
+        package: Package that exports the name.
+        name: Name of the function, class or constant.
+    """
     module = Module.read(path.with_suffix(".py"))
     node = module.nodes.get(name)
     yield from [f"### `{package}.{name}`", ""]
@@ -55,15 +61,15 @@ def _entry(path: Path, package: str, name: str) -> Iterator[str]:
 
 
 def _public(node: ast.ClassDef) -> str:
-    """Return the outline of a class without what begins with an underscore."""
-    kept = [
+    """Return the outline of a class without its private methods."""
+    shown = [
         item
         for item in node.body
         if not isinstance(item, ast.FunctionDef)
         or not item.name.startswith("_")
         or item.name in ("__init__", "__call__", "__len__")
     ]
-    return outline(ast.ClassDef(node.name, node.bases, node.keywords, kept, node.decorator_list))
+    return outline(ast.ClassDef(node.name, node.bases, node.keywords, shown, node.decorator_list))
 
 
 def _first_paragraph(docstring: str | None) -> str:
@@ -76,8 +82,8 @@ def _constant(text: str, name: str) -> str:
     for node, after in zip(body, [*body[1:], None], strict=True):
         targets = node.targets if isinstance(node, ast.Assign) else []
         targets = [node.target] if isinstance(node, ast.AnnAssign) else targets
-        if any(isinstance(one, ast.Name) and one.id == name for one in targets):
-            said = ast.unparse(after) if isinstance(after, ast.Expr) else ""
-            comment = " ".join(ast.literal_eval(said).split()) if said else ""
+        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+            docstring = ast.unparse(after) if isinstance(after, ast.Expr) else ""
+            comment = " ".join(ast.literal_eval(docstring).split()) if docstring else ""
             return f"# {comment}\n{ast.unparse(node)}" if comment else ast.unparse(node)
     return name

@@ -21,7 +21,12 @@ BASE_CLASSES = {"ModelSpec": "Model", "SensorSpec": "Sensor", "EncoderSpec": "En
 
 
 def lines(root: Path) -> list[str]:
-    """Lines of the page. Raises UserError for a hook that the example plugin does not implement."""
+    """Return the lines of the page.
+
+    Raises:
+        UserError: The example plugin does not implement a hook, a declaration in it names no
+            target, or an optional method of a base class does not state its default.
+    """
     written = Module.read(root / "tactibench" / "plugins" / "hookspecs.py")
     shown = Module.read(root / EXAMPLE / "hooks.py")
     made = ["# Hooks", "", *_opening()]
@@ -51,7 +56,7 @@ def _opening() -> Iterator[str]:
 
 
 def _declared(hook: str) -> type[Any]:
-    """The spec that a hook gives an iterable of."""
+    """Return the class of the specs that a hook returns."""
     (spec,) = get_args(get_type_hints(getattr(hookspecs, hook))["return"])
     return spec  # type: ignore[no-any-return]
 
@@ -72,7 +77,11 @@ def _hook(root: Path, hook: str, written: Module, shown: Module) -> Iterator[str
 
 
 def _target(source: str, path: Path) -> str:
-    """Name of the module, inside the example's package, that a declaration names."""
+    """Return the name of the module, inside the example's package, that a declaration names.
+
+    Raises:
+        UserError: The declaration names no target in the example's package.
+    """
     texts = [n.value for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant)]
     package = Path(EXAMPLE).name
     named = [t for t in texts if isinstance(t, str) and t.startswith(f"{package}.") and ":" in t]
@@ -118,7 +127,11 @@ def _optional_methods(node: ast.ClassDef) -> Iterator[ast.FunctionDef]:
 
 
 def _meaning(method: ast.FunctionDef) -> tuple[str, str]:
-    """Return the first sentence and the default of a method. Raises UserError without them."""
+    """Return the first sentence of a method's docstring, and its default.
+
+    Raises:
+        UserError: The docstring does not state a default.
+    """
     docstring = " ".join((ast.get_docstring(method) or "").split())
     meaning, _, default = docstring.partition("Default: ")
     if not default:

@@ -15,7 +15,11 @@ FILE = Path(__file__).with_name("keys.toml")
 
 @dataclass(frozen=True)
 class Keys:
-    """words: table -> key -> sentence."""
+    """The sentences of keys.toml.
+
+    Attributes:
+        words: Table -> key -> sentence.
+    """
 
     words: Mapping[str, Mapping[str, Any]]
 
@@ -25,11 +29,19 @@ class Keys:
         return cls(tomllib.loads(FILE.read_text(encoding="utf-8")))
 
     def agree(self, table: str, names: Iterable[str]) -> Mapping[str, str]:
-        """The sentences of a table. Raises UserError where one is missing or superfluous."""
-        said = self.words.get(table, {})
+        """Return key -> sentence of a table.
+
+        Args:
+            table: Name of the table.
+            names: Keys that the table must have.
+
+        Raises:
+            UserError: The table lacks one of the keys, or has another one.
+        """
+        sentences = self.words.get(table, {})
         for name in names:
-            if name not in said:
+            if name not in sentences:
                 raise UserError(f"{FILE.name} says nothing about {table}.{name}; add a line there.")
-        for name in set(said) - set(names):
+        for name in set(sentences) - set(names):
             raise UserError(f"{FILE.name} speaks of {table}.{name}, which is gone; remove it.")
-        return said
+        return sentences

@@ -24,7 +24,11 @@ IN_RECORDS, OWN = "In records of shipped protocols", "For a protocol of your own
 
 
 def lines(root: Path) -> list[str]:
-    """Lines of the page. Raises UserError for a metric without a source, or one too many."""
+    """Return the lines of the page.
+
+    Raises:
+        UserError: keys.toml has no source for a metric, or a source for a metric that is gone.
+    """
     keys = Keys.read()
     keys.agree("sources", FAMILIES)
     asked = shipped()
@@ -41,29 +45,29 @@ def lines(root: Path) -> list[str]:
 
 
 def shipped() -> dict[str, tuple[str, ...]]:
-    """Protocol -> names of the metrics that a record of it can hold.
+    """Return protocol -> names of the metrics that a record of it can hold.
 
-    A protocol of plates with published tables adds the differences from released answers, one with
-    a threshold the limit beside it.
+    Records of a protocol of plates with published tables also hold the differences from published
+    predictions. Records of a protocol with a threshold also hold the limit.
     """
-    found = {}
+    metrics = {}
     for name, path in sorted(protocol_files().items()):
         spec = read_protocol(path).spec
         more = PUBLISHED_NAMES if spec.answer == "plate" and spec.published.tables else ()
         limit = (LIMIT,) if THRESHOLD in spec.metrics.names else ()
-        found[name] = (*spec.metrics.names, *more, *limit)
-    return found
+        metrics[name] = (*spec.metrics.names, *more, *limit)
+    return metrics
 
 
 def _groups(root: Path, protocol: str) -> Mapping[str, list[str]]:
-    """Metric -> its groups, from the committed record of a protocol that has the most rows."""
+    """Return metric -> its groups, from the protocol's committed record that has the most rows."""
     files = sorted((root / "leaderboards" / "submissions" / protocol).glob("*.json"))
     records = [json.loads(path.read_text(encoding="utf-8"))["metrics"] for path in files]
     rows: list[dict[str, Any]] = max(records, key=len, default=[])
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for row in rows:
-        found.setdefault(row["metric"], []).append(row["group"])
-    return found
+        groups.setdefault(row["metric"], []).append(row["group"])
+    return groups
 
 
 def _table(specs: Iterable[MetricSpec]) -> list[str]:
@@ -94,5 +98,5 @@ def _metric(spec: MetricSpec, asked: str, keys: Keys) -> list[str]:
         f"compared press by press: {'yes' if mean else 'no, it is no mean over presses'}",
         f"source: {plain(keys.words['sources'][spec.name])}; {code(family)}",
     ]
-    said = plain(spec.formula)
-    return [f"### {spec.name}", "", said, "", *(f"* {fact}" for fact in facts), ""]
+    formula = plain(spec.formula)
+    return [f"### {spec.name}", "", formula, "", *(f"* {fact}" for fact in facts), ""]

@@ -28,7 +28,11 @@ FILES: Mapping[str, tuple[str, Any]] = {
 
 
 def lines(_root: Path) -> list[str]:
-    """Lines of the page. Raises UserError for a key without a sentence."""
+    """Return the lines of the page.
+
+    Raises:
+        UserError: keys.toml has no sentence for a key, or a sentence for a key that is gone.
+    """
     keys = Keys.read()
     pages = keys.words["pages"]
     made = ["# Schemas", "", *pages["schemas"].strip().splitlines(), ""]
@@ -41,7 +45,7 @@ def lines(_root: Path) -> list[str]:
 
 
 def _objects(name: str, schema: Schema, keys: Keys) -> Iterator[str]:
-    """The table of an object, and of every object inside it, each once."""
+    """Yield the lines of the table of an object, and of every object inside it, each once."""
     yield from _table(name, schema, schema, keys)
     for inner in _order(schema, schema):
         yield from [f"### {inner}", *_table(inner, schema["$defs"][inner], schema, keys)]
@@ -49,17 +53,17 @@ def _objects(name: str, schema: Schema, keys: Keys) -> Iterator[str]:
 
 def _table(name: str, schema: Schema, root: Schema, keys: Keys) -> list[str]:
     properties: Mapping[str, Schema] = schema["properties"]
-    said = keys.agree(name, properties)
+    sentences = keys.agree(name, properties)
     required = set(schema.get("required", ()))
     rows = []
     for key, of in properties.items():
         default = "required" if key in required else _default(of)
-        rows.append([code(key), _words(of, root), default, cell(said[key])])
+        rows.append([code(key), _words(of, root), default, cell(sentences[key])])
     return grid(["key", "type", "default", "what"], rows)
 
 
 def _default(of: Schema) -> str:
-    if "default" not in of:  # made anew for every file
+    if "default" not in of:  # the default is made anew for every file
         return ""
     value = of["default"]
     return (
@@ -74,15 +78,15 @@ def _default(of: Schema) -> str:
 
 
 def _order(schema: Schema, root: Schema, seen: list[str] | None = None) -> list[str]:
-    """Names of the objects inside, in the order in which they first occur."""
-    found = [] if seen is None else seen
+    """Return the names of the objects inside a schema, in the order in which they first occur."""
+    names = [] if seen is None else seen
     for of in schema.get("properties", {}).values():
         for name in _named(of):
             inner = root["$defs"][name]
-            if name not in found and "properties" in inner:
-                found.append(name)
-                _order(inner, root, found)
-    return found
+            if name not in names and "properties" in inner:
+                names.append(name)
+                _order(inner, root, names)
+    return names
 
 
 def _named(of: Any) -> Iterator[str]:
@@ -97,16 +101,16 @@ def _named(of: Any) -> Iterator[str]:
 
 
 def _words(of: Schema, root: Schema) -> str:
-    """A type of JSON Schema in words, as Markdown."""
+    """Return a type of JSON Schema in words, as Markdown."""
     if "$ref" in of:
         name = of["$ref"].rpartition("/")[2]
         return f"[{name}](#{anchor(name)})"
     if "anyOf" in of:
-        return " or ".join(_words(one, root) for one in of["anyOf"])
+        return " or ".join(_words(option, root) for option in of["anyOf"])
     if "const" in of:
         return code(repr(of["const"]))
     if "enum" in of:
-        return " or ".join(code(repr(one)) for one in of["enum"])
+        return " or ".join(code(repr(option)) for option in of["enum"])
     kind = of.get("type")
     if kind == "array":
         return _array(of, root)

@@ -1,4 +1,4 @@
-"""Definitions of a module, read from its source: signatures as they were written."""
+"""Definitions of a module, read from its source, so that signatures are as they were written."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from tactibench.errors import UserError
 
 @dataclass(frozen=True)
 class Module:
-    """A source file and the names that stand at its top, in their order."""
+    """A source file and the functions and classes at its top level.
+
+    Attributes:
+        path: Path of the file.
+        text: Text of the file.
+        nodes: Name -> function or class, in the order of the file.
+    """
 
     path: Path
     text: str
@@ -19,29 +25,33 @@ class Module:
 
     @classmethod
     def read(cls, path: Path) -> Module:
-        """Read a file."""
+        """Read and parse a file."""
         text = path.read_text(encoding="utf-8")
         defined = (ast.FunctionDef, ast.ClassDef)
         nodes = {node.name: node for node in ast.parse(text).body if isinstance(node, defined)}
         return cls(path, text, nodes)
 
     def source(self, name: str) -> str:
-        """A definition with its decorators. Raises UserError where there is none."""
+        """Return the text of a definition with its decorators.
+
+        Raises:
+            UserError: The module defines no function or class of this name.
+        """
         if name not in self.nodes:
             raise UserError(f"{self.path} shows no {name}; add an example of it.")
         node = self.nodes[name]
-        first = min([node.lineno, *(one.lineno for one in node.decorator_list)])
+        first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
         return "\n".join(self.text.splitlines()[first - 1 : node.end_lineno])
 
 
 def signature(node: ast.FunctionDef) -> str:
-    """``def name(...) -> ...`` without a body."""
+    """Return ``def name(...) -> ...`` without a body."""
     returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
     return f"def {node.name}({ast.unparse(node.args)}){returns}"
 
 
 def outline(node: ast.ClassDef) -> str:
-    """A class as a reader needs it: fields, and methods with what they say about themselves."""
+    """Return a class as a reader needs it: fields, and methods with docstrings as comments."""
     bases = f"({', '.join(map(ast.unparse, node.bases))})" if node.bases else ""
     lines = [f"class {node.name}{bases}:"]
     for item in node.body:
@@ -50,7 +60,9 @@ def outline(node: ast.ClassDef) -> str:
         elif isinstance(item, ast.FunctionDef):
             lines += [f"    {line}" for line in _comment(ast.get_docstring(item))]
             shown = {"property", "classmethod", "staticmethod"}
-            names = [one.id for one in item.decorator_list if isinstance(one, ast.Name)]
+            names = [
+                decorator.id for decorator in item.decorator_list if isinstance(decorator, ast.Name)
+            ]
             # A reader uses a cached property as any other: without parentheses.
             names = ["property" if name == "cached_property" else name for name in names]
             lines += [f"    @{name}" for name in names if name in shown]

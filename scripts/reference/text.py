@@ -10,14 +10,14 @@ SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:")
 
 
 def prose(docstring: str | None) -> list[str]:
-    """Lines of a docstring as Markdown: ``code`` in single backticks, examples fenced."""
+    """Return a docstring as lines of Markdown: ``code`` in single backticks, examples fenced."""
     lines: list[str] = []
     for block in re.split(r"\n\s*\n", cleandoc(docstring or "")):
         text = block.splitlines()
         if text and text[0].strip() == "\b":  # click: keep the lines as they are
             typed = all(line.startswith("tactibench ") for line in text[1:])
-            kept = [f"$ {line}" for line in text[1:]] if typed else text[1:]
-            lines += ["```console" if typed else "```text", *kept, "```", ""]
+            shown = [f"$ {line}" for line in text[1:]] if typed else text[1:]
+            lines += ["```console" if typed else "```text", *shown, "```", ""]
         elif text and all(line.startswith("    ") for line in text):
             lines += ["```text", *(line[4:] for line in text), "```", ""]
         elif text and text[0] == "Returns:":
@@ -42,7 +42,7 @@ def _items(text: Sequence[str]) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """Text outside a fence: code in single backticks, and nothing that reads as a tag."""
+    """Return text outside a fence: code in single backticks, and nothing that reads as a tag."""
     parts = text.replace("``", "`").split("`")
     # Every other part stands between backticks, where nothing is markup.
     return "`".join(p if k % 2 else _escaped(p) for k, p in enumerate(parts))
@@ -53,17 +53,17 @@ def _escaped(text: str) -> str:
 
 
 def cell(text: str) -> str:
-    """Text in a cell of a table."""
+    """Return text for a cell of a table."""
     return plain(" ".join(text.split())).replace("|", "\\|")
 
 
 def code(text: str) -> str:
-    """Fixed pitch in a cell of a table, where GitHub and mkdocs read a bar in code differently."""
+    """Return code for a cell of a table without bars, which GitHub and mkdocs read differently."""
     return f"`{text.replace(' | ', '|').replace('|', ' or ')}`"
 
 
 def grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A table whose columns all stand to the left; a blank line before and after."""
+    """Return the lines of a table with left-aligned columns, and a blank line before and after."""
     lines = (heads, ["---"] * len(heads), *rows)
     return ["", *(f"| {' | '.join(cells)} |" for cells in lines), ""]
 
@@ -75,12 +75,12 @@ def fenced(text: str, language: str = "python") -> list[str]:
 
 def anchor(heading: str) -> str:
     """Return the anchor of a heading, as GitHub and mkdocs make it."""
-    kept = re.sub(r"[^\w\- ]", "", heading.lower())
-    return kept.strip().replace(" ", "-")
+    text = re.sub(r"[^\w\- ]", "", heading.lower())
+    return text.strip().replace(" ", "-")
 
 
 def single_spaced(lines: Iterable[str]) -> list[str]:
-    """One blank line where there are more, but for those inside a fence; none at the end."""
+    """Return lines with at most one blank line in a row outside fences, and none at the end."""
     kept: list[str] = []
     inside = False
     for line in lines:
