@@ -1,14 +1,15 @@
-"""Errors of the shipped models beside their targets, from real runs of the command line.
+"""Print the errors of the shipped models beside their targets, from real runs.
 
     python benchmarks/accuracy.py                        every model, exp1, exp2 and exp3, 3 seeds
     python benchmarks/accuracy.py --models unet cnn --protocols exp1 --seeds 1
     python benchmarks/accuracy.py --param sensor.instance=3   the same table on another sensor
     python benchmarks/accuracy.py --data path/to/331     and `surface` on real frames
 
-Trained weights and stored runs are taken where they are there: only what is missing is computed.
-Prints a row per figure: its mean over the seeds, the seeds' range, the target; then the best model
-of every target that asks for one, and whether training on several contacts helps by a paired
-interval over presses. Exit code 1 when a target is missed.
+Trained weights and stored runs are used where they exist; only missing ones are computed. The runs
+are made by the command line. Prints a row per figure: its mean over the seeds and the seeds' range;
+then for exp2 by how much training on several contacts changes the error, with a paired interval
+over presses; at the end every target and the models that meet it. Exit code 1 when a target is
+missed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Row = tuple[str, str]
 Means = dict[Row, float | None]
 
 REFERENCES = {"mean", "nearest"}
-"""Rows of every board that no target is about."""
+"""Models in every board that have no target."""
 REGIMES = {"exp1": ("single",), "exp2": ("single", "multiple"), "exp3": ("single", "multiple")}
 SHOWN: dict[str, tuple[Row, ...]] = {
     "exp1": (
@@ -58,7 +59,14 @@ SURFACE: tuple[Row, ...] = (("depth_mae_mm", "all"), ("tilt_mae_deg", "all"), ("
 
 @dataclass(frozen=True)
 class Target:
-    """What a model (or, with an empty name, any one model) must reach: metric -> (least, most)."""
+    """The values that a model must reach.
+
+    Attributes:
+        protocol: Name of the protocol.
+        regime: Regime of the training.
+        model: Name of the model; "" where it is enough that any one model reaches the values.
+        limits: Metric and group -> least and largest value.
+    """
 
     protocol: str
     regime: str
@@ -108,7 +116,7 @@ TARGETS = (
 
 
 def run(store: Path, *options: str) -> StoredRun:
-    """Carry a run out as a user would and open what it stored."""
+    """Make a run by the command line, as a user would, and open what it stored."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "record.json"
         command = [sys.executable, "-m", "tactibench", "run", *options]
@@ -122,7 +130,7 @@ def run(store: Path, *options: str) -> StoredRun:
 
 
 def show(title: str, runs: Sequence[StoredRun], rows: Sequence[Row]) -> Means:
-    """Print figures of one configuration; returns their means over the runs (seeds)."""
+    """Print figures of one configuration and return their means over the runs (seeds)."""
     means: Means = {}
     for metric, group in rows:
         values = [
@@ -131,16 +139,16 @@ def show(title: str, runs: Sequence[StoredRun], rows: Sequence[Row]) -> Means:
             for row in stored.record.metrics
             if (row.metric, row.group) == (metric, group)
         ]
-        known = [value for value in values if value is not None]
-        mean = float(np.mean(known)) if known and len(known) == len(runs) else None
+        finite = [value for value in values if value is not None]
+        mean = float(np.mean(finite)) if finite and len(finite) == len(runs) else None
         means[metric, group] = mean
-        text = "n/a" if mean is None else f"{mean:9.4f} [{min(known):.4f}, {max(known):.4f}]"
+        text = "n/a" if mean is None else f"{mean:9.4f} [{min(finite):.4f}, {max(finite):.4f}]"
         print(f"{title:28}{metric:24}{group:8}{text}", flush=True)
     return means
 
 
 def judge(found: dict[tuple[str, str, str], Means]) -> Iterator[tuple[str, bool]]:
-    """A line and whether it is met for every target about a model that was run."""
+    """Yield a line, and whether the target is met, for every target of a model that was run."""
     for target in TARGETS:
         asked = {
             model: means
@@ -161,7 +169,7 @@ def judge(found: dict[tuple[str, str, str], Means]) -> Iterator[tuple[str, bool]
 
 
 def trials(stored: StoredRun) -> Trials:
-    """The stored answers of a run."""
+    """Return the stored answers of a run."""
     truth = stored.arrays("truth")
     return Trials(
         truth=unpack_contacts(truth),
@@ -172,7 +180,7 @@ def trials(stored: StoredRun) -> Trials:
 
 
 def show_gain(model: str, multiple: StoredRun, single: StoredRun) -> None:
-    """Print what training on several contacts changes in exp2."""
+    """Print how training on several contacts changes the error of exp2."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
     first, second = (
         press_means("distance_penalised_mm", trials(run))[:, 0] for run in (multiple, single)
@@ -197,7 +205,7 @@ def main() -> int:
     asked = parser.parse_args()
     specs = {spec.name: spec for spec in PluginHost().models}
     options = [word for value in asked.param for word in ("--param", value)]
-    found: dict[tuple[str, str, str], Means] = {}
+    means: dict[tuple[str, str, str], Means] = {}
     for protocol in asked.protocols:
         for model in asked.models or sorted(set(specs) - REFERENCES):
             done: dict[str, StoredRun] = {}
@@ -208,7 +216,7 @@ def main() -> int:
                 runs = [run(asked.out, *words, "--seed", str(s)) for s in range(asked.seeds)]
                 done[regime] = runs[0]
                 title = f"{protocol} {model} {regime}"
-                found[protocol, regime, model] = show(title, runs, SHOWN[protocol])
+                means[protocol, regime, model] = show(title, runs, SHOWN[protocol])
             if protocol == "exp2" and len(done) == 2:
                 show_gain(model, done["multiple"], done["single"])
     if asked.data:
@@ -218,7 +226,7 @@ def main() -> int:
             SURFACE,
         )
     missed = 0
-    for line, met in judge(found):
+    for line, met in judge(means):
         print(line)
         missed |= not met
     return int(missed)

@@ -1,11 +1,11 @@
-"""Attack `board verify`: forged records, answers and archives, and how many of them get through.
+"""Attack `board verify` with forged records, answers and archives, and count how many get through.
 
     python benchmarks/attacks.py [--only WORD] [--keys]
 
---keys: also change every single value of a few records; what is accepted must be the submitter's
-word.
-Every forgery is a committed submission with one untruth in it (tests/shared/forged.py). Prints what
-was accepted, what raised, and what took long; the exit code is 1 where there is any.
+--keys also changes every single value of a few records; it leaves out values for which the board
+only has the submitter's word. Every forgery is a committed submission with one untruth in it
+(tests/shared/forged.py). Prints the forgeries that were accepted, raised or took long; the exit
+code is 1 where there is any.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder
 
 SLOW_S = 3.0
-"""Processor time of a verdict on a forged file; the first of a test set draws its truth."""
+"""Largest processor time of a verdict on a forged file; the first of a test set draws its truth."""
 
 
 def attacks(*, keys: bool) -> Iterator[tuple[str, Callable[[Path], Path]]]:
-    """Yield name and maker of every forged submission."""
+    """Yield the name of every forged submission, and the function that makes it in a folder."""
     for one in FORGERIES:
         yield f"record: {one.name}", lambda folder, one=one: forged.forge(one, folder)
     yield from FILES.items()
@@ -55,7 +55,7 @@ def main() -> int:
     asked = parser.parse_args()
     warnings.simplefilter("ignore")
     source = Source(trusted_host(), cache_folder())
-    for base in sorted(forged.BASES):  # as they were committed: all must hold
+    for base in sorted(forged.BASES):  # as they were committed, all must be accepted
         score_again(forged.base_file(base), source)
     results: Counter[str] = Counter()
     for name, make in attacks(keys=asked.keys):
@@ -66,19 +66,19 @@ def main() -> int:
             began = time.process_time()
             try:
                 score_again(path, source)
-                result, said = "ACCEPTED", ""
+                result, message = "ACCEPTED", ""
             except UserError as error:
-                result, said = "refused", str(error).partition(": ")[2]
-            except BaseException as error:  # noqa: BLE001 - what is looked for
+                result, message = "refused", str(error).partition(": ")[2]
+            except BaseException as error:  # noqa: BLE001 - such errors are looked for
                 place = traceback.extract_tb(error.__traceback__)[-1]
                 result = "RAISED"
-                said = f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}"
+                message = f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}"
             took = time.process_time() - began
         results[result] += 1
         slow = f" SLOW {took:.1f} s" if took > SLOW_S else ""
         results["slow"] += bool(slow)
         if result != "refused" or slow or not asked.keys:
-            print(f"{result:9}{name}{slow}: {said[:160]}", flush=True)
+            print(f"{result:9}{name}{slow}: {message[:160]}", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{dict(results)}, peak {peak:,.0f} MB")
     return int(bool(results["ACCEPTED"] or results["RAISED"] or results["slow"]))

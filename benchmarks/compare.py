@@ -1,9 +1,9 @@
-"""How long ``tactibench compare`` takes for two runs of 1,000 presses.
+"""Measure how long ``tactibench compare`` takes for two runs of 1,000 presses.
 
     python benchmarks/compare.py [--presses 1000] [--rounds 5]
 
-Makes two runs of exp1 with random answers in a temporary store and times the whole command in fresh
-processes, with ``python -c pass`` beside it, and the comparison itself in this one.
+Makes two runs of exp1 with random answers in a temporary store. Times the whole command in fresh
+processes, with ``python -c pass`` beside it, and the comparison alone in this process.
 """
 
 from __future__ import annotations
@@ -32,7 +32,15 @@ TARGET_S = 2.0
 
 
 def stored(store: Path, name: str, presses: int, noise: float, rng: np.random.Generator) -> None:
-    """A run of exp1 whose answers are off by ``noise`` mm."""
+    """Store a run of exp1 whose answers are off by normal noise.
+
+    Args:
+        store: Folder of the store.
+        name: Name of the run.
+        presses: Number of presses.
+        noise: Standard deviation of the noise along each axis, mm.
+        rng: Source of the noise.
+    """
     protocol = load_protocol("exp1")
     xyz = np.random.default_rng(0).uniform([-6, -6, 1], [6, 6, 5], (presses, 3))
     answers = xyz + rng.normal(0, noise, xyz.shape)
@@ -76,7 +84,7 @@ def stored(store: Path, name: str, presses: int, noise: float, rng: np.random.Ge
 
 
 def seconds(arguments: list[str]) -> tuple[float, float]:
-    """Wall and processor time of a fresh process; only the wall notices a busy machine."""
+    """Return wall and processor seconds of a fresh process; other work slows only the wall."""
     start, before = time.perf_counter(), os.times()
     subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
     spent, after = time.perf_counter() - start, os.times()
@@ -95,22 +103,22 @@ def main() -> int:
             stored(store, name, options.presses, noise, rng)
         command = ["-m", "tactibench", "compare", "first", "second", "--out", str(store)]
         seconds(command)  # writes the byte code
-        whole, bare = [], []
+        command_times, pass_times = [], []
         for _ in range(options.rounds):  # in turn, so that a busy moment falls on both
-            whole.append(seconds(command))
-            bare.append(seconds(["-c", "pass"]))
+            command_times.append(seconds(command))
+            pass_times.append(seconds(["-c", "pass"]))
         runs = [open_run(store, name) for name in ("first", "second")]
         start = time.perf_counter()
         compare_runs(runs)
         inside = time.perf_counter() - start
-    middle = statistics.median(wall for wall, _ in whole)
-    least = min(wall for wall, _ in whole)
-    work = statistics.median(used for _, used in whole)
+    middle = statistics.median(wall for wall, _ in command_times)
+    least = min(wall for wall, _ in command_times)
+    work = statistics.median(used for _, used in command_times)
     print(f"{options.presses:,} presses, {options.rounds} rounds")
     print(
         f"tactibench compare   median {middle:.2f} s, least {least:.2f} s, processor {work:.2f} s"
     )
-    print(f"python -c pass       median {statistics.median(wall for wall, _ in bare):.2f} s")
+    print(f"python -c pass       median {statistics.median(wall for wall, _ in pass_times):.2f} s")
     print(f"the comparison alone {inside:.2f} s")
     print(f"target: median at most {TARGET_S:g} s: {'met' if middle <= TARGET_S else 'missed'}")
     return int(middle > TARGET_S)

@@ -1,17 +1,17 @@
-"""How fast a data set is written and read, each beside what it is measured against.
+"""Measure how fast a data set is written and read.
 
     python benchmarks/dataset.py [--count 2000] [--size 128] [--folder DIR] [--rounds 3]
 
 Frames are smooth pictures with noise of 3 levels, which compress like a tactile sensor's.
 
-* writes: samples/s acknowledged one by one (`add`) and in groups (`add_many`), every one of them
-  synced to the disk, and in bulk (one sync at the end); beside them the disk itself: milliseconds
-  of a bare fsync, and the rate of encoding alone, which no way of writing can beat.
+* writes: samples/s acknowledged one by one (`add`) and in groups (`add_many`), each of which is
+  synced to the disk, and in bulk (one sync at the end). Beside them the milliseconds of a bare
+  fsync, and the rate of encoding alone, which no way of writing can beat.
 * reads: frames/s of random batches through the memory map, and decoded from the PNG files.
 
-Medians over rounds, and in brackets the fastest; cpu us: processor time of one (fastest round),
-which hardly depends on what else the machine does: a free core does at most 1e6 / cpu in a second.
---folder: on the disk to be measured.
+Printed are medians over rounds, and in brackets the fastest. "cpu us" is the processor time of one
+sample (fastest round), which hardly depends on other work of the machine: a free core does at most
+1e6 / cpu in a second. --folder must be on the disk to be measured.
 """
 
 from __future__ import annotations
@@ -51,7 +51,12 @@ def drafts(count: int, size: int) -> list[Draft]:
 
 
 class Seconds(NamedTuple):
-    """Of one sample: by the clock, and of processors."""
+    """Seconds of one sample.
+
+    Attributes:
+        wall: By the clock on the wall.
+        cpu: Of all processors.
+    """
 
     wall: float
     cpu: float
@@ -65,7 +70,15 @@ def timed(work: Callable[[], object], count: int) -> Seconds:
 
 
 def written(folder: Path, size: int, several: list[Draft], group: int, *, fsync: bool) -> Seconds:
-    """Opening, writing and closing."""
+    """Return the time of a sample in opening, writing and closing a data set.
+
+    Args:
+        folder: Folder of the data set; it is removed first.
+        size: Side of the frames, px.
+        several: Samples to write.
+        group: Number of samples that are acknowledged together.
+        fsync: Whether each group is synced to the disk.
+    """
     shutil.rmtree(folder, ignore_errors=True)
     header = Header("bench", {}, (size, size), dome_radius_mm=20.0)
 
@@ -78,7 +91,7 @@ def written(folder: Path, size: int, several: list[Draft], group: int, *, fsync:
 
 
 def bare_fsync(folder: Path) -> Seconds:
-    """The fsync of one small file, the median of 50."""
+    """Return the median time of 50 fsyncs of one small file."""
     path = folder / "probe"
     with path.open("wb") as stream:
 
@@ -92,7 +105,13 @@ def bare_fsync(folder: Path) -> Seconds:
 
 
 def read(dataset: Dataset, count: int, *, cached: bool) -> Seconds:
-    """Random batches."""
+    """Return the time of a frame in ``count`` frames that are read in random batches.
+
+    Args:
+        dataset: Data set to read.
+        count: Number of frames.
+        cached: Whether to read the memory map; else the PNG files are decoded.
+    """
     order = np.random.default_rng(1).integers(0, len(dataset.samples), (count // BATCH, BATCH))
     batches = [[dataset.samples[row] for row in rows] for rows in order.tolist()]
 

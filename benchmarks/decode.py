@@ -1,11 +1,11 @@
-"""Speed and error of the encoders and their decoders: ``python benchmarks/decode.py``.
+"""Measure speed and error of the encoders and their decoders: ``python benchmarks/decode.py``.
 
-Speed: one map with three contacts (one, for encoders of one), and many maps at once, against
-``skimage.feature.peak_local_max``, which gives cells, in the same run. "cpu" is the time that the
-thread itself ran, which other work on the machine changes less.
-Error: rms of position in cells at white noise 0.02, of the best contact, 2 to 6 mm deep; then in mm
-on maps without noise, and with noise such as networks draw (smooth, correlated over two cells,
-stronger where there is heat, and some white).
+Speed: one map with three contacts (one contact, for encoders of single contacts), and many maps at
+once, against ``skimage.feature.peak_local_max``, which returns cells, in the same run. "cpu" is the
+time that the thread itself ran, which other work on the machine changes less.
+Error: rms position error of the best contact in cells at white noise 0.02, 2 to 6 mm deep; then
+errors in mm on maps without noise, and with noise as in the maps of networks (smooth, correlated
+over two cells, stronger where there is heat, and some white noise).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ NOISES = {"clean": (0.0, 0.0), "network": (0.015, 0.003), "rough": (0.03, 0.01)}
 
 
 def triples(rng: np.random.Generator, count: int) -> list[Contacts]:
-    """Three contacts 8 mm apart, as the triple indenter makes them."""
+    """Return frames of three contacts 8 mm apart, as the triple indenter makes them."""
     turn = rng.uniform(0, 2 * np.pi, (count, 1)) + np.arange(3) * 2 * np.pi / 3
     xy = 8 / np.sqrt(3) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     xy += rng.uniform(-1.5, 1.5, (count, 1, 2))
@@ -56,7 +56,7 @@ def singles(rng: np.random.Generator, count: int, shallowest: float = 0.5) -> li
 
 
 def pairs(rng: np.random.Generator, count: int) -> list[Contacts]:
-    """Two contacts 6.5 to 8 mm apart, of any depths."""
+    """Return frames of two contacts 6.5 to 8 mm apart, of any depths."""
     turn, distance = rng.uniform(0, 2 * np.pi, count), rng.uniform(6.5, 8, count)
     half = 0.5 * distance[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     centre, depth = rng.uniform(-2, 2, (count, 2)), rng.uniform(0.5, 6, (count, 2))
@@ -71,19 +71,19 @@ def noisy(rng: np.random.Generator, maps: np.ndarray, smooth: float, white: floa
 
 
 def errors(found: list[Contacts], truth: list[Contacts]) -> tuple[float, float, float]:
-    """Mean position and depth error in mm over frames with the right count, and their share."""
+    """Return mean position and depth error, mm, of frames with the right count, and their share."""
     position, depth = [], []
-    for one, true in zip(found, truth, strict=True):
-        if len(one) == len(true):
-            away = np.linalg.norm(one.xy[:, None] - true.xy, axis=-1)
+    for answer, true in zip(found, truth, strict=True):
+        if len(answer) == len(true):
+            away = np.linalg.norm(answer.xy[:, None] - true.xy, axis=-1)
             nearest = away.argmin(axis=0)
             position.append(away.min(axis=0).mean())
-            depth.append(np.abs(one.depth[nearest] - true.depth).mean())
+            depth.append(np.abs(answer.depth[nearest] - true.depth).mean())
     return float(np.mean(position)), float(np.mean(depth)), len(position) / len(truth)
 
 
 def by_skimage(maps: np.ndarray) -> Contacts:
-    """The cells that scikit-image takes for peaks, with hertz's threshold and least distance."""
+    """Return the peaks of scikit-image, with the threshold and the least distance of hertz."""
     cells = peak_local_max(
         maps[0], min_distance=7, threshold_abs=0.25 / 6, exclude_border=False, num_peaks=6
     )
@@ -92,7 +92,7 @@ def by_skimage(maps: np.ndarray) -> Contacts:
 
 
 def by_argmax(maps: np.ndarray) -> Contacts:
-    """The highest cell."""
+    """Return the highest cell as a contact."""
     row, column = divmod(int(maps[0].argmax()), GRID.shape[1])
     heat = maps[0].max(keepdims=True).ravel()
     return Contacts(GRID.xy([row], [column]), 6.0 * heat, np.minimum(heat, 1.0))
@@ -108,7 +108,7 @@ def best_seconds(work: Callable[[], object], clock: Callable[[], float], rounds:
 
 
 def timed(name: str, decode: Callable[[np.ndarray], Contacts], maps: np.ndarray) -> float:
-    """Print the times of one map; returns the thread's own in us."""
+    """Print the times of decoding one map, and return the thread's own time, us."""
     stage = ("decode", lambda one: decode(one[0]))
     row = time_calls([stage], maps[:300], threads=1, calls=1000).rows("single")[-1]
     cpu = best_seconds(lambda: [decode(one) for one in maps[:300]], time.thread_time) / 300

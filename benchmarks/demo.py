@@ -1,12 +1,12 @@
-"""Mouse to answer on the page of `tactibench demo`, in headless Chromium.
+"""Measure the time from mouse to answer on the page of `tactibench demo`, in headless Chromium.
 
     python benchmarks/demo.py [--models superpose] [--seconds 20]
 
 A mouse drags a tip in circles over the dome, 60 moves a second. The page measures every move
 (User Timing): from the time stamp of the move to the message behind the painting that shows its
-answer, so that sensor, model, network, drawing and painting are in it. A picture is an answer that
+answer. The time includes sensor, model, network, drawing and painting. A picture is an answer that
 was shown.
-Needs `pip install "tactibench[browser]"` and a Chromium (TACTIBENCH_CHROMIUM names one).
+It needs `pip install "tactibench[browser]"` and a Chromium (TACTIBENCH_CHROMIUM names one).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from browser import chromium
 from demo_page import demo_page
 
 MOST_MS, FEWEST_A_SECOND = 60.0, 15.0
-"""To be reached with one model on 2 cores."""
+"""Largest median from mouse to answer, and least rate of pictures, with one model on 2 cores."""
 MOVES_A_SECOND = 60.0
 WARM_UP_S = 3.0
 MEASURES = "performance.getEntriesByName('mouse to answer').map(m => [m.startTime, m.duration])"
@@ -34,7 +34,7 @@ SHOWN = "performance.getEntriesByName('answer shown').map(m => m.startTime)"
 
 
 def drag(page: Any, seconds: float) -> None:
-    """Press and go round, once in 3 s, as fast as a hand does."""
+    """Press and move in a circle, once in 3 s, as fast as a hand does."""
     box = page.locator("#dome canvas").bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     began, radius = time.perf_counter(), box["width"] / 5
@@ -48,7 +48,7 @@ def drag(page: Any, seconds: float) -> None:
 
 
 def processor_s(process: int) -> float:
-    """User and system time of a process, s."""
+    """Return the user and system time of a process, s."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

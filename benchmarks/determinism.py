@@ -1,10 +1,10 @@
-"""Whether data, weights, predictions and metrics of a small run are the same bits every time.
+"""Test whether data, weights, predictions and metrics of a small run are always the same bits.
 
     python benchmarks/determinism.py [--models cnn ...] [--protocol exp1] [--sensor S] [--json FILE]
 
-Each time is a process of its own with a cache of its own and another seed of Python's own hashes:
-first one alone, then two at once, and once more the frames alone on another number of threads.
-The run is a ``--quick`` one with the seed 0. Exit code 1 when anything differs in a bit.
+The run is made several times, each in a process of its own with its own cache and another seed of
+Python's hashes: first one alone, then two at once, and once more only the frames on another number
+of threads. It is a ``--quick`` run with the seed 0. Exit code 1 when anything differs in a bit.
 """
 
 from __future__ import annotations
@@ -24,14 +24,22 @@ from tactibench.errors import UserError
 THREADS = "OMP_NUM_THREADS"
 ALONE, TWO = "alone", ("first of two at once", "second of two at once")
 FIGURES = 12
-"""Of a hash that is printed."""
+"""Number of printed figures of a hash."""
 
 Hashes = dict[str, str]
-"""What was made -> sha256 of it."""
+"""Name of a result, such as "weights" -> its sha256."""
 
 
 def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hashes:
-    """Do the work in this process and return the hashes of what came out. Raises UserError."""
+    """Make a run in this process and return the hashes of its results.
+
+    Args:
+        request: Settings of the run.
+        frames_only: Whether to make the frames and nothing else.
+
+    Raises:
+        UserError: The run cannot be planned, or its protocol changes sensors while it tests.
+    """
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import arrays_hash
@@ -74,10 +82,10 @@ def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hash
 
 
 def repeat(request: dict[str, Any]) -> dict[str, Hashes]:
-    """Work four times in processes of their own: what was made -> time -> sha256.
+    """Make a run four times in processes of their own: name of a result -> time -> sha256.
 
     Raises:
-        UserError: in the words of the process, where one of them fails.
+        UserError: A process failed; the message is that of the process.
     """
     threads = os.environ.get(THREADS) or str(os.cpu_count() or 1)
     other = "2" if threads == "1" else "1"
@@ -103,7 +111,7 @@ def _begin(
         **os.environ,
         "TACTIBENCH_CACHE": str(cache),
         THREADS: threads,
-        # Another order of sets in each process: what depends on it shall show.
+        # Another order of sets in each process, so that results that depend on it differ.
         "PYTHONHASHSEED": str(sum(map(ord, cache.name))),
     }
     work = json.dumps({"request": request, "frames_only": frames_only})
@@ -117,7 +125,13 @@ def _begin(
 
 
 def _finish(begun: dict[str, subprocess.Popen[str]]) -> dict[str, Hashes]:
-    """Wait for all; none is left behind when one fails or the user interrupts."""
+    """Wait for all processes and return time -> hashes.
+
+    No process is left behind when one fails or the user interrupts.
+
+    Raises:
+        UserError: A process failed; the message is that of the process.
+    """
     hashes: dict[str, Hashes] = {}
     try:
         for time, process in begun.items():
@@ -139,7 +153,7 @@ def _finish(begun: dict[str, subprocess.Popen[str]]) -> dict[str, Hashes]:
 
 
 def print_table(model: str, found: dict[str, Hashes]) -> None:
-    """Print a line a thing, and where bits differ one a time."""
+    """Print a line for each result, and where bits differ a line for each time."""
     for what, hashes in found.items():
         first, *others = hashes.values()
         if set(others) <= {first}:
@@ -162,18 +176,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.work:
             print(json.dumps(hashes_of_run(**json.loads(given.work))))
             return 0
-        found = {
+        results = {
             model: repeat({"protocol": given.protocol, "model": model, "sensor": given.sensor})
             for model in given.models
         }
     except UserError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    for model, hashes in found.items():
+    for model, hashes in results.items():
         print_table(model, hashes)
     if given.json:
-        given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    same = all(len(set(times.values())) == 1 for what in found.values() for times in what.values())
+        given.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    same = all(
+        len(set(times.values())) == 1 for what in results.values() for times in what.values()
+    )
     return 0 if same else 1
 
 

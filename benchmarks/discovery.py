@@ -1,12 +1,12 @@
-"""How long it takes to find the plugins when 50 of somebody else's are installed.
+"""Measure how long it takes to find the plugins when 50 plugins of other authors are installed.
 
     python benchmarks/discovery.py [--plugins 50]
 
-Makes distributions with an entry point, a light module and a model each in a temporary folder,
-puts it on PYTHONPATH, and asks in fresh processes for all models, sensors and encoders, with and
-without the folder, in turn. Of ``PluginHost()`` and its catalogues it prints the processor time,
-which hardly depends on what else the machine does and decides on the target, and the wall time; of
-the whole ``tactibench list models`` the wall time. Files and byte code are warm.
+Makes distributions with an entry point, a light module and a model each in a temporary folder and
+puts it on PYTHONPATH. Asks in fresh processes for all models, sensors and encoders, with and
+without the folder, in turn. For ``PluginHost()`` and its catalogues it prints the wall time and the
+processor time, which hardly depends on other work of the machine and is compared with the target;
+for the whole ``tactibench list models`` it prints the wall time. Files and byte code are warm.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ print(time.process_time() - start, time.perf_counter() - began, found[0])
 
 
 def install(site: Path, count: int) -> None:
-    """What ``pip install`` leaves of ``count`` plugins."""
+    """Write the files that ``pip install`` of ``count`` plugins would leave."""
     for number in range(count):
         package = site / f"plugin_{number}"
         package.mkdir()
@@ -61,15 +61,15 @@ def install(site: Path, count: int) -> None:
 
 
 def environment(site: Path | None) -> dict[str, str]:
-    """This one's, with a folder before it on PYTHONPATH."""
+    """Return the environment of this process, with a folder at the front of PYTHONPATH."""
     path = os.environ.get("PYTHONPATH", "")
-    found = {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{path}" if site else path}
-    found.pop("PYTHONDONTWRITEBYTECODE", None)
-    return found
+    variables = {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{path}" if site else path}
+    variables.pop("PYTHONDONTWRITEBYTECODE", None)
+    return variables
 
 
 def inside(site: Path | None) -> tuple[float, float, int]:
-    """Processor and wall seconds of discovery alone, and how many models it found."""
+    """Return processor and wall seconds of discovery alone, and the number of models found."""
     done = subprocess.run(
         [sys.executable, "-c", INSIDE],
         check=True,
@@ -82,7 +82,7 @@ def inside(site: Path | None) -> tuple[float, float, int]:
 
 
 def whole(site: Path | None) -> float:
-    """Seconds of ``tactibench list models``."""
+    """Return the wall seconds of ``tactibench list models``."""
     start = time.perf_counter()
     subprocess.run(
         [sys.executable, "-m", "tactibench", "list", "models"],

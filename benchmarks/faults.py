@@ -3,18 +3,27 @@
     python benchmarks/faults.py [--kills 50] [--changes MOST] [--full MOST] [--stage NAME]...
                                 [--sweeps KILLS] [--seed 0] [--json FILE]
 
-Stages: generate, export and import a data set, begin a plugin, train, predict (a run whose weights
-are there), replace a stored run, score, board, submit, list, report, speed. They run on tiny
-protocols, a sensor of twelve pixels and a model with one weight, so that most of the time goes into
-files, which is where things break. --kills: SIGKILLs at random moments of the stage's measured
-running time. --changes: also one before each operation that changes the file system (opening for
-writing, fsync, rename, remove, making a folder), at most so many, spread over all. --sweeps:
-SIGKILLs of a sweep of 8 cells in processes of its own, in turns of all of them and of the first one
-alone. --full: also a disk that is full from such operations on.
+The stages are: generate, export and import a data set, begin a plugin, train, predict (a run whose
+weights are there), replace a stored run, score, board, submit, list, report, speed. They run on
+tiny protocols, a sensor of twelve pixels and a model with one weight, so that most of the time goes
+into files, which is where things break.
 
-right: the same record as undisturbed. named: one sentence and exit code 2. lost: something that was
-there or should be there is not. twice: a finished cell was run again. hung: the same command did
-not end, or a worker outlived its sweep. silent: another record, or half of one, without a word.
+* --kills: SIGKILLs at random moments of the stage's measured running time.
+* --changes: also a SIGKILL before each operation that changes the file system (opening for writing,
+  fsync, rename, remove, making a folder), at most so many, spread over all.
+* --sweeps: SIGKILLs of a sweep of 8 cells in processes of its own, in turns of all of them and of
+  the first one alone.
+* --full: also a disk that is full from such operations on.
+
+The outcomes are:
+
+* right: the same record as undisturbed.
+* named: one sentence and exit code 2.
+* lost: something that was there or should be there is missing.
+* twice: a finished cell was run again.
+* hung: the same command did not end, or a worker outlived its sweep.
+* silent: another record, or half of one, without a message.
+
 Exit code 1 when anything is lost, twice, hung or silent.
 """
 
@@ -37,13 +46,19 @@ from killed import OUTCOMES, STAGES, Result, Trial, lab_in
 from killed_sweep import SweepTrial
 
 MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of our own is made in it
-"""Where files live in memory: fsync on a disk that others use would be most of the time."""
+"""Folder in memory: on a disk that others use, most of the time would go into fsync."""
 STALLED = 20
-"""Times that a command may be done before its kill, for each kill that is wanted."""
+"""Attempts for each kill that is wanted, because a command may end before its kill."""
 
 
 def note(result: Result, how: str, outcome: tuple[str, str]) -> None:
-    """Take down what became of a stage that was stopped."""
+    """Count the outcome of a stage that was stopped.
+
+    Args:
+        result: Counts of the stage.
+        how: Description of the stop, for the list of outcomes that are not right.
+        outcome: One of OUTCOMES, and a description of what is wrong.
+    """
     result.stops += 1
     result.outcomes[outcome[0]] += 1
     if outcome[0] != "right":
@@ -76,7 +91,7 @@ def sweep_kills(place: Path, kills: int, rng: np.random.Generator) -> Result:
 
 
 def spread(trial: Trial, most: int) -> list[int]:
-    """Operations to stop at: all, or as many over the whole command."""
+    """Return the numbers of the operations to stop at: all, or ``most`` over the whole command."""
     if trial.changes <= most:
         return list(range(1, trial.changes + 1))
     return sorted({round(at) for at in np.linspace(1, trial.changes, most)})
@@ -92,15 +107,17 @@ def kills_at_changes(trial: Trial, most: int) -> Result:
 
 
 def full_disks(trial: Trial, most: int) -> Result:
-    """The refused command must say so; then there is space again."""
+    """Stop a stage by a full disk; the command must say so, and is called again with space."""
     result = Result(f"{trial.stage.name}, disk full")
     for operation in spread(trial, most):
         folder, code, output = trial.full_from(operation)
-        said = code == 2 and "the disk is full" in output and "Traceback" not in output
+        reported = code == 2 and "the disk is full" in output and "Traceback" not in output
         if code == 0 and trial.stage.outcome(folder) == trial.outcome:
-            continue  # nothing had to be written any more
+            continue  # the command had nothing left to write
         how = f"disk full from change {operation}"
-        outcome = trial.again(folder) if said else ("silent", f"exit code {code}: {output[-600:]}")
+        outcome = (
+            trial.again(folder) if reported else ("silent", f"exit code {code}: {output[-600:]}")
+        )
         note(result, how, outcome)
     return result
 

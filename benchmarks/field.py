@@ -1,13 +1,14 @@
-"""How fast the tiers of the simulator make displacement fields of dual scenes.
+"""Measure how fast the tiers of the simulator make displacement fields of dual scenes.
 
     PYTHONPATH=.:plugins python -P benchmarks/field.py [--threads 2] [--pins 127]
 
-Scenes of two 3 mm tips, 7 mm apart, anywhere near the apex, 0.5 to 4 mm deep; in batches, as
-sensors compute them. For every tier: medians of several rounds, and in brackets the fastest.
+The scenes have two 3 mm tips, 7 mm apart, anywhere near the apex, 0.5 to 4 mm deep, and come in
+batches, as sensors compute them. For every tier, medians of several rounds are printed, and in
+brackets the fastest.
 
-* /s: fields a second on one thread and on all; gain: how many times one thread;
-* cpu us: processor time of a field on all threads (fastest round). It hardly depends on what else
-  the machine does: N free cores make N / cpu fields a second;
+* /s: fields a second on one thread and on all; gain: the ratio of the two;
+* cpu us: processor time of a field on all threads (fastest round). It hardly depends on other work
+  of the machine: N free cores make N / cpu fields a second;
 * of superpose: processor time as a multiple of the cheapest tier's.
 """
 
@@ -37,7 +38,7 @@ TARGET = 20_000
 
 
 class Seconds(NamedTuple):
-    """Of one field."""
+    """Seconds of one field: median and best by the clock, and of processors in the best round."""
 
     median: float
     best: float
@@ -86,12 +87,12 @@ def main() -> None:
     for name in TIERS:
         tier = mechanics_for(name, tables)
         work = batches(asked.count)
-        one, several = (timed(tier, work, directions, n) for n in (1, asked.threads))
+        single, several = (timed(tier, work, directions, n) for n in (1, asked.threads))
         cheapest = cheapest or several.cpu
         print(
-            f"{name:11}{1 / one.median:12,.0f}{f'[{1 / one.best:,.0f}]':>10}"
+            f"{name:11}{1 / single.median:12,.0f}{f'[{1 / single.best:,.0f}]':>10}"
             f"{1 / several.median:17,.0f}{f'[{1 / several.best:,.0f}]':>10}"
-            f"{one.best / several.best:6.2f}{1e6 * several.cpu:9.1f}"
+            f"{single.best / several.best:6.2f}{1e6 * several.cpu:9.1f}"
             f"{several.cpu / cheapest:14.1f}",
             flush=True,
         )

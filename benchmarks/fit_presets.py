@@ -2,15 +2,17 @@
 
     PYTHONPATH=.:plugins python benchmarks/fit_presets.py DIR SENSOR
 
-DIR: model_surface2d of the set. Minutes on one core; prints what `sensor.py` and `hooks.py` hold.
+DIR is model_surface2d of the set. It takes minutes on one core and prints the numbers that
+`sensor.py` and `hooks.py` hold.
 
 Lever and camera are fitted on the preset's own dome (ratio 50, plate without friction) to the
 presses that the shipped calibration names as fitted, with its labels; drag is fitted beside them
 and left out of the preset. The air between camera and window is hardly known from these fits, so it
-is taken from a grid: that with which the preset's motion is nearest to the real one in every band
-of indentation, where the lever is such that the mean over the bands is 1 (fitted presses that moved
-less than 1 mm). Sizes of the white tips: least squares on the areas of the thresholded blobs of the
-rest frame, with thresholded frames of the preset; to 1 %, since areas are whole pixels.
+is taken from a grid: the air with which the preset's motion is nearest to the real one in every
+band of indentation. For each, the lever is such that the mean over the bands is 1 (fitted presses
+that moved less than 1 mm). The sizes of the white tips are fitted by least squares to the areas of
+the thresholded blobs of the rest frame, with thresholded frames of the preset; they are good to
+1 %, since areas are whole pixels.
 """
 
 from __future__ import annotations
@@ -44,7 +46,13 @@ STILL_MM = 1.0
 
 
 def band_gains(presses: Presses, x: Unknowns, label: Unknowns) -> Array:
-    """Return the median gain without drag, by band of the indentation that ``label`` gives."""
+    """Return the (B,) median gain without drag, by band of indentation.
+
+    Args:
+        presses: Real presses.
+        x: Unknowns of the preset.
+        label: Unknowns that turn the labels into indentation.
+    """
     bare = replace(x, **dict.fromkeys((*DRAG, "rest_x", "rest_y"), 0.0))
     sim = displacements(rig_of(presses, KIND), bare, presses.labels, np.zeros(len(presses)))
     farther = gain(sim, presses.moved)
@@ -53,7 +61,12 @@ def band_gains(presses: Presses, x: Unknowns, label: Unknowns) -> Array:
 
 
 def fit_optics(presses: Presses, name: str) -> Unknowns:
-    """Return lever and camera, see above."""
+    """Return the unknowns with the fitted lever and camera, see the head of this file.
+
+    Args:
+        presses: Real presses.
+        name: Name of the calibration that ships.
+    """
     fitted = calibration(name)
     first = presses.take(np.flatnonzero(np.isin(presses.names, fitted.frames)))
     still = first.take(np.flatnonzero(abs(first.labels.move) < STILL_MM))
@@ -86,7 +99,14 @@ def blob_radii(image: npt.NDArray[np.uint8], at: Array) -> Array:
 
 
 def fit_tips(preset: Preset, kind: type[SimulatedTacTip], presses: Presses, folder: Path) -> Preset:
-    """Return the preset with the sizes of the white tips."""
+    """Return the preset with fitted sizes of the white tips.
+
+    Args:
+        preset: Preset whose camera and lever are fitted.
+        kind: Class of the sensor.
+        presses: Real presses.
+        folder: Folder of the set.
+    """
     frame = cv2.imread(str(folder / "frames_bw" / REST), cv2.IMREAD_GRAYSCALE)
     real = blob_radii(np.asarray(frame, dtype=np.uint8), presses.rest)
     square = (places_at_rest(preset.pins) ** 2).sum(axis=1)

@@ -1,11 +1,12 @@
-"""Flip bytes in every kind of file that is kept: refused by name, made again, or without effect.
+"""Flip bits in every kind of stored file; each must be refused, repaired or without effect.
 
     python benchmarks/flips.py [--flips 5000] [--seed 0]
 
-Kinds: a stored run (record and arrays), the cache (frames, manifests, weights, predictions), a data
-set of images and one of channels (header, journal, plan, events, splits, checksums, index), and a
-submission (record and answers). A flip is silent where a reader accepts it and gets another value
-than before. Prints a line a kind; the exit code is 1 where anything is silent or raised.
+The kinds are: a stored run (record and arrays), the cache (frames, manifests, weights,
+predictions), a data set of images and one of channels (header, journal, plan, events, splits,
+checksums, index), and a submission (record and answers). A flip is silent where a reader accepts it
+and gets another value than before. Prints a line for each kind; the exit code is 1 where anything
+is silent or raised.
 """
 
 from __future__ import annotations
@@ -52,7 +53,14 @@ STATES = ("refused", "same", "silent", "raised")
 
 @dataclass(frozen=True)
 class Kind:
-    """Files of one kind. read: what a reader gets of them, comparable; it may raise UserError."""
+    """Files of one kind.
+
+    Attributes:
+        name: Name of the kind.
+        files: Files whose bits are flipped.
+        read: Function that reads the files and returns comparable values, or raises UserError.
+        restore: Function that puts back whatever else reading has changed.
+    """
 
     name: str
     files: tuple[Path, ...]
@@ -68,7 +76,7 @@ def kinds(folder: Path) -> Iterator[Kind]:
         plan = make_plan(request, tiny_host(), folder / "cache")
         return execute(plan, folder / store, NullReporter(), fresh=True)
 
-    made = run("runs")
+    stored = run("runs")
     store = folder / "runs"
     (name,) = run_names(store)
 
@@ -77,7 +85,7 @@ def kinds(folder: Path) -> Iterator[Kind]:
         arrays = {part: opened.arrays(part) for part in PARTS}
         return opened.record.json_values(), _comparable(arrays)
 
-    yield Kind("run", tuple(sorted(made.folder.iterdir())), read_run)
+    yield Kind("run", tuple(sorted(stored.folder.iterdir())), read_run)
     kept = folder / "kept"
     shutil.copytree(folder / "cache", kept)
 
@@ -113,7 +121,7 @@ def kinds(folder: Path) -> Iterator[Kind]:
 
 
 def _seal(values: dict[str, Any]) -> None:
-    """Give a committed record the checksum that `board add` gives it now."""
+    """Give the values of a committed record the checksum that `board add` gives it now."""
     forged.sign(values)
     values |= with_checksum(values)
 
@@ -165,23 +173,23 @@ def flips(kind: Kind, count: int, rng: random.Random) -> Counter[str]:
     before, states = kind.read(), Counter[str]()
     for number in range(count):
         path = kind.files[number % len(kind.files)]
-        whole = path.read_bytes()
-        if not whole:
+        content = path.read_bytes()
+        if not content:
             continue
-        at, bit = rng.randrange(len(whole)), 1 << rng.randrange(8)
-        path.write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
+        at, bit = rng.randrange(len(content)), 1 << rng.randrange(8)
+        path.write_bytes(content[:at] + bytes([content[at] ^ bit]) + content[at + 1 :])
         try:
             state = "same" if kind.read() == before else "silent"
         except UserError:
             state = "refused"
-        except Exception:  # noqa: BLE001 - what is looked for
+        except Exception:  # noqa: BLE001 - such errors are looked for
             state = "raised"
             traceback.print_exc(limit=-2)
         if state in ("silent", "raised"):
-            print(f"  {state}: {path.name}, byte {at} of {len(whole)}, bit {bit}", flush=True)
+            print(f"  {state}: {path.name}, byte {at} of {len(content)}, bit {bit}", flush=True)
         states[state] += 1
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(whole)
+        path.write_bytes(content)
         kind.restore()
     return states
 
@@ -197,9 +205,9 @@ def main() -> int:
     total: Counter[str] = Counter()
     print(f"{'kind':24}" + "".join(f"{state:>9}" for state in STATES))
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as place:
-        several = list(kinds(Path(place)))
-        for kind in several:
-            states = flips(kind, asked.flips // len(several), rng)
+        all_kinds = list(kinds(Path(place)))
+        for kind in all_kinds:
+            states = flips(kind, asked.flips // len(all_kinds), rng)
             print(f"{kind.name:24}" + "".join(f"{states[s]:9,}" for s in STATES), flush=True)
             total += states
     print(f"{'all':24}" + "".join(f"{total[state]:9,}" for state in STATES))

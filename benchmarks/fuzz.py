@@ -1,11 +1,11 @@
-"""Spoil inputs of strangers by the ten thousand; with atheris, guided by what they reach.
+"""Spoil inputs that strangers may send, by the ten thousand; with atheris, guided by coverage.
 
     python benchmarks/fuzz.py TARGET [--count 20000] [--seed 0]
     python benchmarks/fuzz.py TARGET --atheris -runs=20000     (pip install 'tactibench[fuzz]')
 
-TARGET: protocol, sweep, hardware, record, submission, arrays, answers, table, png, weights, words,
-or all (without --atheris). Anything but success or a sentence is an uncaught exception, and printed
-with its input.
+TARGET is protocol, sweep, hardware, record, submission, arrays, answers, table, png, weights or
+words, or all (without --atheris). An input must succeed or be refused by one sentence. Anything
+else is an uncaught exception and is printed with its input.
 """
 
 from __future__ import annotations
@@ -40,27 +40,27 @@ def guided(name: str, arguments: list[str]) -> None:
 
 
 def random_ones(name: str, count: int, seed: int) -> int:
-    """Uncaught exceptions; a line about the target is printed."""
-    target, found = TARGETS[name], Counter[str]()
+    """Try spoilt inputs, print a line and return the number of uncaught exceptions."""
+    target, uncaught = TARGETS[name], Counter[str]()
     slowest, accepted, began = 0.0, 0, time.perf_counter()
     with tempfile.TemporaryDirectory() as place:
         for data in inputs(target, Path(place), seed, count):
             start = time.process_time()
             try:
                 accepted += attempt(target, data, Path(place))
-            except Exception as error:  # noqa: BLE001 - what is looked for
+            except Exception as error:  # noqa: BLE001 - such errors are looked for
                 last = traceback.extract_tb(error.__traceback__)[-1]
                 key = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}"
-                if key not in found:
+                if key not in uncaught:
                     print(f"{name}: {key}: {str(error)[:200]}: {data[:300]!r}", flush=True)
-                found[key] += 1
+                uncaught[key] += 1
             slowest = max(slowest, time.process_time() - start)
     print(
-        f"{name:10}{count:8,} inputs {accepted:8,} accepted {found.total():6,} uncaught "
+        f"{name:10}{count:8,} inputs {accepted:8,} accepted {uncaught.total():6,} uncaught "
         f"slowest {1000 * slowest:6.0f} ms {time.perf_counter() - began:6.0f} s",
         flush=True,
     )
-    return found.total()
+    return uncaught.total()
 
 
 def main() -> int:

@@ -1,17 +1,17 @@
-"""How fast the simulated TacTip makes frames, stage by stage, on one core and on several.
+"""Measure how fast the simulated TacTip makes frames, stage by stage, on one core and on several.
 
     PYTHONPATH=.:plugins python -P benchmarks/generate.py [--threads 2]
 
-(-P: numba would take ``coverage.py`` of this folder for the package of that name.)
+(-P keeps files of this folder from hiding packages of the same name.)
 
-Medians of several rounds, and in brackets the fastest, for both pin patterns, single and dual
-presses at 128 and 256 px:
+Printed are medians of several rounds, and in brackets the fastest, for both pin patterns, single
+and dual presses at 128 and 256 px:
 
 * field: scenes to pin tips; render: pin tips to frames with noise (us a frame, one thread);
-* render /s and whole /s: frames a second on one thread and on all: rendering alone, and from
-  scenes with ``press_many``; gain: how many times one thread;
-* cpu us: processor time of a frame on all threads (fastest round). It hardly depends on what else
-  the machine does: N free cores make N / cpu frames a second.
+* render /s and whole /s: frames a second on one thread and on all, of rendering alone and from
+  scenes with ``press_many``; gain: the ratio of the two;
+* cpu us: processor time of a frame on all threads (fastest round). It hardly depends on other work
+  of the machine: N free cores make N / cpu frames a second.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SEED = np.random.SeedSequence(0)
 
 
 class Seconds(NamedTuple):
-    """Of one frame."""
+    """Seconds of one frame: median and best by the clock, and of processors in the best round."""
 
     median: float
     best: float
