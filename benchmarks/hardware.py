@@ -1,4 +1,4 @@
-"""A whole collection on the emulators, scored against what they know to be true.
+"""Make a whole collection on the emulators and score it against their truth.
 
     python benchmarks/hardware.py collect --driver grbl --presses 500       labels, freshness, speed
     python benchmarks/hardware.py collect --protocol exp2 --draw pairs --presses 10 --driver ur
@@ -7,7 +7,7 @@
     python benchmarks/hardware.py kills --kills 50                          SIGKILL of the collector
 
 Sensor, robot and camera are emulated on this machine; the times printed are this machine's.
-``kills`` starts the command line again and again, kills it, and looks which ids there are.
+``kills`` starts the command line again and again, kills it, and checks the ids in the data set.
 """
 
 from __future__ import annotations
@@ -73,10 +73,11 @@ VALUES = {
     "pin-loss": 5.0,
     "alarm-5": 50.0,
 }
-"""Seconds of the world, pins, and probes; a stall outlasts a deadline at a time scale of 20."""
+"""Values of the faults: seconds of the world's clock, pins or probes. A stall is longer than a
+deadline at a time scale of 20."""
 DISK_FULL = "disk-full"
 ALIKE = 3.0
-"""Grey levels by which a kept frame may differ on average from what was so when it was taken: a
+"""Mean difference, grey levels, up to which a kept frame counts as the true image of its time: a
 frame of another moment differs by more than the camera's noise."""
 
 
@@ -88,7 +89,14 @@ def settings_of(driver: str, **contact: Any) -> Settings:
 
 
 class Frames:
-    """Truth at the moment of every frame, asked for while the world still knows it."""
+    """Errors of the kept frames and labels, looked up while the emulated world still knows them.
+
+    Attributes:
+        off: Mean difference of each kept frame from the true image, grey levels.
+        depth: Error of each depth label, mm.
+        place: Error of each position label, mm.
+        late_ms: Time from the end of settling to each frame, ms.
+    """
 
     def __init__(self, emulation: Emulation, folder: Path) -> None:
         self._emulation, self._folder = emulation, folder
@@ -99,7 +107,7 @@ class Frames:
         self.late_ms: list[float] = []
 
     def look(self) -> None:
-        """Score what was written since the last call."""
+        """Score the frames that were written since the last call."""
         lines = (self._folder / "metadata.jsonl").read_bytes().splitlines()
         for line in lines[self._seen :]:
             row = json.loads(line)
@@ -110,9 +118,9 @@ class Frames:
             kept = cv2.imread(str(self._folder / row["file_name"]), cv2.IMREAD_GRAYSCALE)
             self.off.append(float(np.abs(kept.astype(float) - self._emulation.image(at_ns)).mean()))
             truth = self._emulation.truth(at_ns).contacts
-            said_xy = np.array(row["contacts_xy_mm"])
+            label_xy = np.array(row["contacts_xy_mm"])
             for xy, depth in zip(truth.xy, truth.depth, strict=True):
-                away = np.hypot(*(said_xy - xy).T)
+                away = np.hypot(*(label_xy - xy).T)
                 nearest = int(away.argmin())
                 self.place.append(float(away[nearest]))
                 self.depth.append(row["contacts_depth_mm"][nearest] - float(depth))
@@ -120,7 +128,7 @@ class Frames:
 
     @property
     def stale(self) -> int:
-        """Frames from before the end of settling, or that show another moment."""
+        """Number of frames that were taken before the end of settling, or show another moment."""
         pairs = zip(self.late_ms, self.off, strict=True)
         return sum(late <= 0 or off > ALIKE for late, off in pairs)
 
@@ -181,12 +189,12 @@ def run_collect(arguments: argparse.Namespace) -> None:
 
 
 def _peak() -> float:
-    """MiB of this process so far: collector and the record of this benchmark."""
+    """Return the peak memory of this process, MiB: the collector and the data of this benchmark."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def run_faults(arguments: argparse.Namespace) -> None:
-    """Every fault at the fourth press of six; the same call again until all are there."""
+    """Cause every fault at the fourth press of six, and call again until all presses are there."""
     base = Path(tempfile.mkdtemp(prefix="tactibench-faults-"))
     wanted = [("grbl", kind) for kind in (*GRBL_FAULTS, *CAMERA_FAULTS, DISK_FULL)]
     wanted += [("ur", kind) for kind in (*UR_FAULTS, *CAMERA_FAULTS, DISK_FULL)]
@@ -235,10 +243,10 @@ def _one_fault(driver: str, kind: str, folder: Path) -> str:
         fired = disk.full or (happened and all(event.handled for event in happened))
     samples = open_dataset(folder).samples
     ok = sum(sample.status == "ok" for sample in samples)
-    whole = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
+    complete = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
     return (
         f"{driver:<5} {kind:<16} {sessions:>8} {ok:>4} {len(samples) - ok:>4}  "
-        f"{'all ' if whole else 'LOST'} {frames.stale:>6} {longest:>10.1f} {outside:>8}  "
+        f"{'all ' if complete else 'LOST'} {frames.stale:>6} {longest:>10.1f} {outside:>8}  "
         f"{'' if fired else 'NOT FIRED '}{ended[:90]}"
     )
 
@@ -253,7 +261,7 @@ def _faults(kind: str) -> tuple[Fault, ...]:
 
 
 class _Disk:
-    """Full when the fourth image is written, and never again."""
+    """A writer of images for which the disk is full once, at the fourth press."""
 
     def __init__(self, write: Callable[[Path, bytes], None]) -> None:
         self._write, self._count, self.full = write, 0, False
@@ -277,7 +285,7 @@ def _disk(kind: str) -> Iterator[_Disk]:
 
 
 def _repair(rehearsal: Rehearsal, kind: str) -> None:
-    """What a person would do before the next session."""
+    """Repair the devices as a person would do before the next session."""
     rehearsal.emulation.repair()
     if kind in ("protective-stop", "unlock-refused"):
         board = Dashboard(rehearsal.settings.robot.address)
@@ -292,14 +300,14 @@ def _repair(rehearsal: Rehearsal, kind: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True)
-    one = verbs.add_parser("collect")
-    one.add_argument("--protocol", default="exp1")
-    one.add_argument("--draw", action="append", default=None)
-    one.add_argument("--driver", choices=("ur", "grbl"), default="grbl")
-    one.add_argument("--presses", type=int, default=500)
-    one.add_argument("--time-scale", type=float, default=20.0)
-    one.add_argument("--fps", type=float, default=60.0)
-    one.add_argument("--out")
+    collecting = verbs.add_parser("collect")
+    collecting.add_argument("--protocol", default="exp1")
+    collecting.add_argument("--draw", action="append", default=None)
+    collecting.add_argument("--driver", choices=("ur", "grbl"), default="grbl")
+    collecting.add_argument("--presses", type=int, default=500)
+    collecting.add_argument("--time-scale", type=float, default=20.0)
+    collecting.add_argument("--fps", type=float, default=60.0)
+    collecting.add_argument("--out")
     faults = verbs.add_parser("faults")
     faults.add_argument("--only", nargs="*")
     kills = verbs.add_parser("kills")

@@ -17,7 +17,14 @@ from tactibench_tactip.settings import Settings, example_configuration
 
 
 def run_kills(kills: int, count: int, seed: int, settings: Settings) -> None:
-    """Kill the command at random moments; every id is to be there once in the end."""
+    """Kill the command at random moments; at the end every id must be there once.
+
+    Args:
+        kills: Number of kills.
+        count: Number of presses.
+        seed: Seed of the random moments.
+        settings: Settings of the emulated robot, from which the presses are planned.
+    """
     base = Path(tempfile.mkdtemp(prefix="tactibench-kills-"))
     config = base / "lab.toml"
     text = example_configuration("grbl").replace(
@@ -72,7 +79,7 @@ def run_kills(kills: int, count: int, seed: int, settings: Settings) -> None:
 
 
 def _wait_for_growth(out: Path, process: subprocess.Popen[bytes], rng: random.Random) -> None:
-    """A random moment: at the start, or some milliseconds after a row or a few were written."""
+    """Wait for a random moment: at the start, or shortly after one to three rows were written."""
     before, wanted = len(_ids(out)), rng.randint(0, 3)
     while process.poll() is None and len(_ids(out)) < before + wanted:
         time.sleep(0.01)

@@ -4,8 +4,8 @@
     python benchmarks/held_out_geometry.py superpose unet
 
 Trains every model on `exp2`, or takes it from the cache: once on single presses, once also on the
-pairs and triangles of regime `multiple`. Both are asked about the same presses. Pairs of the
-training are level and triangles have sides of 8 mm; the others differ. Prints the mean OSPA of
+pairs and triangles of regime `multiple`. Both predict the same presses. The pairs of the training
+are level and its triangles have sides of 8 mm; the other geometries differ. Prints the mean OSPA of
 both, and the mean difference, press by press, with its 95 % interval: above 0, regime `multiple` is
 worse. Presses come from a seed of their own.
 """
@@ -41,7 +41,7 @@ from tactibench.sweep.spec import read_choice
 PROTOCOL = "exp2"
 RADIUS_MM = 3.0
 NEAR, FAR = 6.5, 12.0
-"""mm between tips, as in the protocol's pairs."""
+"""Least and largest distance between tips, mm, as in the protocol's pairs."""
 
 Draw = Callable[[np.random.Generator], Indenter]
 
@@ -64,7 +64,7 @@ def _row(rng: np.random.Generator) -> Indenter:
 
 
 def _crooked(rng: np.random.Generator) -> Indenter:
-    """Three tips at random, as near as those of pairs at the least."""
+    """Return three tips at random places, at least as far apart as the nearest pairs."""
     while True:
         xy = rng.uniform(-6, 6, (3, 2))
         sides = np.linalg.norm(xy - np.roll(xy, 1, axis=0), axis=1)
@@ -87,7 +87,7 @@ GEOMETRIES: dict[str, Draw] = {
 
 
 def main() -> None:
-    """Print a table a model."""
+    """Print a table for each model."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="+", help='such as superpose or "unet, epochs=15"')
     parser.add_argument("--presses", type=int, default=200, help="of each geometry")
@@ -153,7 +153,7 @@ def _scenes(
     """Yield presses that lie in the workspace.
 
     Raises:
-        RuntimeError: where there is no room for one.
+        RuntimeError: The workspace has no room for a press of this geometry.
     """
     half = workspace.half_width_mm
     for _ in range(count):
@@ -169,7 +169,7 @@ def _scenes(
 
 
 def _values(answers: Sequence[Any], truth: Sequence[Contacts], gate: float) -> FloatArray:
-    """(N,) OSPA, mm."""
+    """Return the (N,) OSPA of the answers, mm."""
     predictions, names = tuple(answers), ("all",) * len(truth)
     return ospa(Trials(tuple(truth), predictions, np.arange(len(truth)), names, gate=gate)).values
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Time what a sensor instance costs: to make it, and to press many instead of one.
+"""Measure the time to make a sensor instance, and to press many instances instead of one.
 
     PYTHONPATH=.:plugins python benchmarks/instances.py [--repeats 20]
 
-An instance is made as a training does: fields between nine domes, their splines, lens and light of
+An instance is made as in a training: fields between nine domes, their splines, lens and light of
 every pixel, the rest frame. "again" is an instance whose fields are still in memory: a run opens a
 sensor for every 250 presses. Compiled loops and tables are loaded before the clock starts. The last
-lines press 250 presses spread over instances, and say how much memory the process took.
+lines are for 250 presses spread over instances, with the memory that the process took.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SCENES = [
 
 
 def main() -> None:
-    """Print milliseconds an instance, seconds a chunk of presses and memory."""
+    """Print milliseconds for each instance, seconds for each chunk of presses, and memory."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=20)
     repeats = parser.parse_args().repeats
@@ -63,18 +63,18 @@ def main() -> None:
 
 
 def made(kind: type[SimulatedTacTip], **parameters: int) -> SimulatedTacTip:
-    """Return a sensor with one thread."""
+    """Return a new sensor that computes on one thread."""
     return kind(SensorContext(np.random.SeedSequence(0)), threads=1, **parameters)
 
 
 def press(count: int) -> None:
-    """Make a chunk of frames on so many instances."""
+    """Make a chunk of frames that is spread over ``count`` instances; 0: the nominal sensor."""
     for _ in made(TacTip127, instances=count).press_many(SCENES):
         pass
 
 
 def forget() -> None:
-    """Let go of the instances that are kept in memory."""
+    """Remove the instances that are kept in memory."""
     instance_tables.cache_clear()
     instance_mechanics.cache_clear()
 

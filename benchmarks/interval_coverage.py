@@ -1,4 +1,4 @@
-"""How often a 95 % interval holds the true mean when the frames of one press resemble each other.
+"""Measure how often a 95 % interval holds the true mean when frames of one press are alike.
 
     python benchmarks/interval_coverage.py [--errors normal|gamma] [--frames 50] [--runs 1000]
                                            [--seed 0]
@@ -6,15 +6,17 @@
 
 Prints, for within-press correlations 0, 0.05 and 0.3 and for 10, 30 and 100 presses, the coverage
 of the interval that takes frames for independent, of the clustered t interval, and of the BCa and
-the percentile bootstrap over presses. Errors are a share per press plus a share per frame, which
-makes the correlation exact: normal, or (--errors gamma) skewed as absolute errors are. Exit code 1
-when the clustered t interval, which the metrics use, leaves 93 to 97 % in a line.
+the percentile bootstrap over presses. An error is a part of the press plus a part of the frame,
+which makes the correlation exact: normal, or (--errors gamma) skewed as absolute errors are. Exit
+code 1 when the coverage of the clustered t interval, which the metrics use, is outside 93 to 97 %
+in a line.
 
 With --threshold: observers that lose 0, 3 or 8 % of all pairs judge 100 pairs at each of the twelve
-distances of exp2. Prints how far off the threshold is and how often its interval holds the true
-one: of the logistic fit of the first versions, of the fit with a lapse rate, of the interpolated
-crossing, and of what "lapse" protocols record, a fit or a crossing; and how often p calls a misfit.
-A fourth observer follows no logistic curve: from 10 mm on it sees nearly all pairs.
+distances of exp2. Prints the error of the threshold and how often its interval holds the true one,
+for four ways: the logistic fit of the first versions, the fit with a lapse rate, the interpolated
+crossing, and the value that "lapse" protocols record, which is a fit or a crossing. Also prints how
+often p reports a misfit. A fourth observer follows no logistic curve: from 10 mm on it sees nearly
+all pairs.
 """
 
 from __future__ import annotations
@@ -42,19 +44,35 @@ MEAN = 2.0
 def errors(
     rng: np.random.Generator, kind: str, correlation: float, presses: int, frames: int
 ) -> np.ndarray:
-    """(presses, frames) errors; two gammas of one scale, or two normals, add up to their kind."""
-    shared, own = (presses, 1), (presses, frames)
+    """Return (presses, frames) errors, sums of a part of the press and a part of the frame.
+
+    Two gammas of one scale add up to a gamma, and two normals to a normal.
+
+    Args:
+        rng: Source of the errors.
+        kind: "normal" or "gamma".
+        correlation: Correlation of two frames of one press.
+        presses: Number of presses.
+        frames: Number of frames of each press.
+    """
+    shared, each = (presses, 1), (presses, frames)
     if kind == "normal":
         pressed = rng.normal(MEAN, np.sqrt(correlation), shared)
-        return pressed + rng.normal(0, np.sqrt(1 - correlation), own)
+        return pressed + rng.normal(0, np.sqrt(1 - correlation), each)
     pressed = rng.gamma(MEAN * correlation, size=shared) if correlation else np.zeros(shared)
-    return pressed + rng.gamma(MEAN * (1 - correlation), size=own)
+    return pressed + rng.gamma(MEAN * (1 - correlation), size=each)
 
 
 def intervals(
     y: np.ndarray, level: float, rng: np.random.Generator
 ) -> Iterator[tuple[float, float]]:
-    """Naive, clustered t, BCa and percentile interval of one data set."""
+    """Yield the naive, clustered t, BCa and percentile interval of one data set.
+
+    Args:
+        y: (presses, frames) errors.
+        level: Level of the intervals.
+        rng: Source of the bootstraps.
+    """
     presses, frames = y.shape
     codes, flat = np.repeat(np.arange(presses), frames), y.ravel()
     yield stats.t.interval(level, flat.size - 1, loc=flat.mean(), scale=stats.sem(flat))
@@ -76,11 +94,14 @@ def intervals(
 DISTANCES = np.arange(6.5, 12.01, 0.5)
 PAIRS = 100
 MIDDLE, SLOPE = 8.6, 1.5
-"""Of the observers' curves: 95 % of the way from none to all takes 3.9 mm."""
+"""Middle, mm, and slope, 1/mm, of the observers' curves: from 5 to 95 % they take 3.9 mm."""
 
 
 def observers() -> Iterator[tuple[str, np.ndarray, float]]:
-    """Name, P at every distance and true threshold; that of no curve is between two distances."""
+    """Yield the name of an observer, its P at every distance and its true threshold, mm.
+
+    The threshold of the observer without a curve is interpolated between two distances.
+    """
     for lapse in (0.0, 0.03, 0.08):
         threshold = MIDDLE + np.log(SHARE / (1 - SHARE - lapse)) / SLOPE
         yield f"lapse {lapse:.2f}", (1 - lapse) * expit(SLOPE * (DISTANCES - MIDDLE)), threshold
@@ -91,7 +112,15 @@ def observers() -> Iterator[tuple[str, np.ndarray, float]]:
 
 
 def threshold_table(runs: int, level: float, seed: int) -> int:
-    """Print the table of --threshold; 1 where a recorded interval holds the truth too rarely."""
+    """Print the table of --threshold and return the exit code.
+
+    The code is 1 where fewer than 90 % of the recorded intervals of an observer hold the truth.
+
+    Args:
+        runs: Number of simulated data sets of each observer.
+        level: Level of the intervals.
+        seed: Seed of the data sets.
+    """
     names = ("logistic", "with lapses", "crossing", "recorded")
     print(f"{PAIRS} pairs a distance, {runs} runs, nominal {level:.0%}: bias, mm, and coverage")
     print("observer    " + "".join(f"{name:>20s}" for name in names) + "   p < .01   p < .05")
@@ -112,8 +141,11 @@ def threshold_table(runs: int, level: float, seed: int) -> int:
                 interpolated_threshold(distance, hits, press, SHARE, rng=rng, level=level),
                 fit.estimate,
             )
-            off += [(one.value or np.nan) - truth for one in estimates]
-            held += [(one.low or -np.inf) <= truth <= (one.high or np.inf) for one in estimates]
+            off += [(estimate.value or np.nan) - truth for estimate in estimates]
+            held += [
+                (estimate.low or -np.inf) <= truth <= (estimate.high or np.inf)
+                for estimate in estimates
+            ]
             misfits += fit.goodness.p < 0.01, fit.goodness.p < 0.05
         cells = (f"{o:+9.3f} {h:10.1%}" for o, h in zip(off / runs, held / runs, strict=True))
         shares = "".join(f"{share:10.1%}" for share in misfits / runs)

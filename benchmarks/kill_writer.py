@@ -1,15 +1,15 @@
-"""Kill a process that writes a data set, at random moments, and look for what it had acknowledged.
+"""Kill a process that writes a data set at random moments, and check its acknowledged samples.
 
     python benchmarks/kill_writer.py [--kills 200] [--folder DIR] [--seed 0] [--json FILE]
 
-A child opens the data set (and so mends what the last one left), adds samples one by one and in
-groups, and tells each acknowledged id with its sha256 through a pipe; it gets SIGKILL while it
-opens or at a random moment of writing. After every kill the journal is read as plain JSON: every
-id that was ever acknowledged must be there once, with its sha256, and its file must have it. At the
-end every image is decoded and compared with the one that was handed over. Exit code 1 when anything
-is missing, double or different.
+A child process opens the data set (and so repairs the files that the last one left), adds samples
+one by one and in groups, and sends each acknowledged id with its sha256 through a pipe. It gets
+SIGKILL while it opens or at a random moment of writing. After every kill the journal is read as
+plain JSON: every id that was ever acknowledged must be there once, with its sha256, and its file
+must have this sha256. At the end every image is decoded and compared with the one that was added.
+Exit code 1 when anything is missing, double or different.
 
-SIGKILL takes the process, not the machine: what fsync is for needs a loss of power.
+SIGKILL ends the process, not the machine: only a loss of power would test fsync.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tactibench.png import encode_png
 
 SHAPE = (48, 64)
 LONGEST_S = 0.2
-"""Of writing between two kills."""
+"""Longest time of writing between two kills."""
 WHILE_OPENING = 0.3
 """Share of kills that do not wait until the child writes."""
 
@@ -50,7 +50,10 @@ def draft(number: int) -> Draft:
 
 
 def write_for_ever(folder: Path, pipe: int, seed: int) -> None:
-    """The child. A line of the pipe is one write, so it is whole or not there."""
+    """Add samples until the process is killed, and send each acknowledged one through a pipe.
+
+    A line of the pipe is one write, so that it is complete or not there.
+    """
     rng = np.random.default_rng(seed)
     header = Header("killed", {"name": "noise"}, SHAPE, dome_radius_mm=20.0)
     with Writer(folder, header) as writer:
@@ -64,8 +67,17 @@ def write_for_ever(folder: Path, pipe: int, seed: int) -> None:
 
 @dataclass
 class Outcome:
-    """lost: acknowledged, but not in the journal. twice: ids on two lines. different: a sha256 or
-    an image that is not what was handed over. mended: what opening said, and how often."""
+    """Counts and errors of all kills.
+
+    Attributes:
+        kills: Number of kills.
+        while_opening: Number of kills before the child began to write.
+        acknowledged: Id of each acknowledged sample -> its sha256.
+        lost: Acknowledged ids that are not in the journal.
+        twice: Ids that are in the journal more than once.
+        different: Samples whose sha256, image or scene is not the one that was added.
+        mended: First word of each sentence about a repair on opening -> how often it came.
+    """
 
     kills: int = 0
     while_opening: int = 0
@@ -81,7 +93,7 @@ class Outcome:
 
 
 def kill_once(folder: Path, outcome: Outcome, rng: np.random.Generator) -> None:
-    """Start a child, kill it, take down what it acknowledged."""
+    """Start a child, kill it and add the samples that it acknowledged to the outcome."""
     reading, writing = os.pipe()
     seed, opening = int(rng.integers(2**32)), rng.random() < WHILE_OPENING
     child = os.fork()
@@ -94,12 +106,12 @@ def kill_once(folder: Path, outcome: Outcome, rng: np.random.Generator) -> None:
         finally:
             os._exit(1)
     os.close(writing)
-    with os.fdopen(reading, "rb") as told:
-        first = b"" if opening else told.readline()
+    with os.fdopen(reading, "rb") as messages:
+        first = b"" if opening else messages.readline()
         time.sleep(rng.uniform(0, LONGEST_S))
         os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
-        lines = (first + told.read()).decode().splitlines()
+        lines = (first + messages.read()).decode().splitlines()
     if not os.WIFSIGNALED(status):
         raise SystemExit("the child ended before it was killed; its error stands above")
     outcome.kills += 1
@@ -111,34 +123,39 @@ def kill_once(folder: Path, outcome: Outcome, rng: np.random.Generator) -> None:
 
 
 def check(folder: Path, outcome: Outcome, known: set[int]) -> None:
-    """The journal as plain JSON, and the files of what is newly acknowledged. known: files that
-    were looked at before."""
+    """Compare the acknowledged samples with the journal, read as plain JSON, and with their files.
+
+    Args:
+        folder: Folder of the data set.
+        outcome: Acknowledged samples; errors are added to it.
+        known: Ids whose files were checked before; newly checked ids are added to it.
+    """
     journal = folder / "metadata.jsonl"
     text = journal.read_bytes() if journal.exists() else b""
     rows = [json.loads(line) for line in text.split(b"\n")[:-1]]
     ids = Counter(row["id"] for row in rows)
     outcome.twice |= {number for number, times in ids.items() if times > 1}
     sha256 = {row["id"]: row["sha256"] for row in rows}
-    for number, told in outcome.acknowledged.items():
+    for number, acknowledged in outcome.acknowledged.items():
         if number not in sha256:
             outcome.lost.add(number)
         elif number not in known:
             data = (folder / f"images/{number // 1000:06d}/{number:06d}.png").read_bytes()
-            if not sha256[number] == told == hashlib.sha256(data).hexdigest():
+            if not sha256[number] == acknowledged == hashlib.sha256(data).hexdigest():
                 outcome.different.add(f"sha256 of {number}")
             known.add(number)
 
 
 def run(folder: Path, kills: int, seed: int) -> Outcome:
-    outcome, rng, known = Outcome(), np.random.default_rng(seed), set[int]()
-    encode_png(image(0))  # imports what a child would wait for
+    outcome, rng, checked = Outcome(), np.random.default_rng(seed), set[int]()
+    encode_png(image(0))  # imports modules for which a child would have to wait
     for _ in range(kills):
         kill_once(folder, outcome, rng)
-        check(folder, outcome, known)
-        if (folder / "dataset.json").exists() and rng.random() < 0.5:  # else the next child mends
+        check(folder, outcome, checked)
+        if (folder / "dataset.json").exists() and rng.random() < 0.5:  # else the child repairs it
             for sentence in open_dataset(folder).repaired:
                 outcome.mended[sentence.split()[0]] += 1
-            check(folder, outcome, known)
+            check(folder, outcome, checked)
     dataset = open_dataset(folder)
     for sample in dataset.samples:
         if not np.array_equal(dataset.image(sample), image(sample.id)):

@@ -1,22 +1,25 @@
-"""How far the labels of plate presses are off: mean absolute errors, mm and deg.
+"""Estimate the errors of the labels of plate presses: mean absolute errors, mm and deg.
 
     python -P benchmarks/label_scatter.py path/to/331/model_surface2d path/to/127/model_surface2d
 
 Test presses of ``surface`` are left out, and in every folder those of the published list. Labels
-are held against the pins by a kernel regression in which no press takes part in its own prediction.
+are compared with the pins by a kernel regression in which no press takes part in its own
+prediction.
 
 * move: the table says how the plate moved on the way in, sideways (move_1) and turning (move_6).
-  Some frames do not show it: their pins stand as for the label less the turn. ``share`` of them
-  among those that were to turn clearly, and how far off that puts the labels of all presses: by the
-  turn, and by a slope times move_1.
-* of presses that show the move and of those that do not: correlations of the mean pin's shift with
-  move_1, and of the place about which the pins spread with the sine of the label and of the label
-  less the turn (no regression has a part in these); and of the turn with what the pins tell of it.
-* rest: what else labels scatter. ``held out`` is the error of the prediction, too large by what the
-  regression lacks. ``equal frames`` carries the differences between residuals of two presses, of
-  which neither helped to predict the other, on to where their pins moved alike. ``pins``: by how
-  much noise of the pins changes predictions, the most that it can have in ``equal frames``.
-* labels: move and rest together, at least (all of ``pins`` taken off the rest) and at most.
+  Some frames do not show this move: their pins stand as for the label less the turn. ``share`` is
+  the share of such frames among those with a clear turn. ``move`` is the error that this causes in
+  the labels of all presses: by the turn, and by a slope times move_1.
+* For presses that show the move and for those that do not, correlations are printed: of the mean
+  pin's shift with move_1; of the place about which the pins spread with the sine of the label, and
+  with that of the label less the turn (no regression has a part in these); and of the turn with the
+  turn that the pins show.
+* rest: the other scatter of the labels. ``held out`` is the error of the prediction, which is too
+  large by the error of the regression. ``equal frames`` extrapolates the differences between the
+  residuals of two presses, of which neither helped to predict the other, to pins that moved alike.
+  ``pins`` is the change of the predictions by noise of the pins, the most that this noise can add
+  to ``equal frames``.
+* labels: move and rest together, at least (all of ``pins`` subtracted from the rest) and at most.
 
 Brackets: 95 % intervals from resampled presses; the regression is not fitted again.
 """
@@ -50,16 +53,22 @@ Numbers = npt.NDArray[np.intp]
 SETTING = Setting(components=40, whitening=0.25, length=1.0, ridge=3e-4)
 COLUMNS = ("pose_2", "pose_6", "move_1", "move_6")
 NEIGHBOURS, BINS, NEAR = 10, 6, 0.8
-"""Nearest presses that pair with one, bins of their distances, share of the pairs that is used."""
+"""Nearest presses that are paired with each press, bins of their distances, share of the pairs that
+is used."""
 TURNED_DEG = 2.0
-"""Turns from which a press without its move is told for sure."""
+"""Turns from which a frame without its move can be recognised with certainty."""
 GROSS = 12.0
-"""Median residuals beyond which a press fits neither with its move nor without; left out."""
+"""A press whose residual is more than so many median residuals fits neither with its move nor
+without it, and is left out."""
 ROUNDS, RESAMPLES = 20, 400
 
 
 def training_presses(folder: Path) -> tuple[Array, Array, Array]:
-    """Return displacements (N, P, 2) px, pins at rest (P, 2), labels (N, 4) of COLUMNS."""
+    """Return displacements (N, P, 2) px, pins at rest (P, 2) px, and labels (N, 4) of COLUMNS.
+
+    Raises:
+        UserError: The folder has no frame of the undeformed sensor.
+    """
     recording, protocol = open_recording(folder), load_protocol("surface")
     rest, spec = recording.rest_image(), protocol.spec
     if rest is None or spec.recorded is None:
@@ -85,9 +94,13 @@ class HeldOut:
         self.inverse = np.linalg.inv(gram + SETTING.ridge * np.eye(len(gram)))
 
     def residuals(self, labels: Array, parts: Numbers | None = None) -> Array:
-        """Return labels (N, T) less predictions without the press, or without its part.
+        """Return (N, T) labels less predictions without the press, or without its part.
 
         Rasmussen and Williams 2006, eq. 5.12, for the presses of a part at once.
+
+        Args:
+            labels: (N, T) labels.
+            parts: (N,) number of the part of each press; None: each press is its own part.
         """
         weights = self.inverse @ (labels - labels.mean(axis=0))
         if parts is None:
@@ -99,9 +112,10 @@ class HeldOut:
         return out
 
     def pin_noise(self, labels: Array, rng: np.random.Generator) -> Array:
-        """Return (T,) the mean absolute change of predictions by noise of the pins.
+        """Return the (T,) mean absolute change of predictions by noise of the pins.
 
-        Most of the many patterns of the pins hold noise alone: its variance is their median one.
+        Most of the many patterns of the pins hold noise alone, so that its variance is the median
+        variance of the patterns.
         """
         moved = self.features.moved
         noise = np.sqrt(np.median(np.linalg.eigvalsh(np.cov(moved.T))))
@@ -113,17 +127,20 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """How far labels (depth, tilt) are off; see the head of this file for the words.
+    """Errors of the labels (depth, mm, and tilt, deg); the head of this file explains the words.
 
     Attributes:
-        unmade: (N,) presses that do not show their move.
-        turned: (N,) presses that were to turn by more than TURNED_DEG.
-        off: (N, 2) by which that puts depth and tilt off.
-        gross: (N,) presses that fit neither with nor without it; they count nowhere.
+        unmade: (N,) whether a press does not show its move.
+        turned: (N,) whether a press should turn by more than TURNED_DEG.
+        off: (N, 2) errors of depth and tilt by a move that is not shown.
+        gross: (N,) whether a press fits neither with its move nor without it; such presses are not
+            counted.
         held_out: (N, 2) residuals of the labels less ``off``.
         pins: (2,) change of predictions by the noise of the pins.
-        pairs: (M, 2) near presses, and ``apart`` (M,) how far apart in the displacements.
-        differences: (M, 2) between their residuals, neither of which helped to predict the other.
+        pairs: (M, 2) rows of presses that are near each other.
+        apart: (M,) distance of each pair in the displacements.
+        differences: (M, 2) differences between the residuals of each pair, neither of which helped
+            to predict the other.
     """
 
     unmade: Flags
@@ -137,10 +154,14 @@ class Scatter:
     differences: Array
 
     def equal_frames(self, weights: Array) -> Array:
-        """Return (2,) the mean absolute scatter at equal displacements, presses (N,) weighted.
+        """Return the (2,) mean absolute scatter at equal displacements.
 
-        The variogram of the residuals (Cressie 1993, 2.4) at distance 0, by absolute differences,
-        which forgive outliers: for normal scatter s, E|e_i - e_j| = sqrt(2) E|e|.
+        It is the variogram of the residuals (Cressie 1993, 2.4) at distance 0, by absolute
+        differences, which are robust against outliers: for normal scatter s,
+        E|e_i - e_j| = sqrt(2) E|e|.
+
+        Args:
+            weights: (N,) weights of the presses.
         """
         edges = np.quantile(self.apart, np.linspace(0, NEAR, BINS + 1))
         bins = np.searchsorted(edges, self.apart, side="right") - 1
@@ -156,7 +177,7 @@ class Scatter:
         return np.asarray(np.sqrt(np.maximum(nuggets, 0.0)))
 
     def figures(self, weights: Array) -> dict[str, Array]:
-        """Return name -> (2,) for depth and tilt, presses (N,) weighted."""
+        """Return name -> (2,) figures of depth and tilt, with (N,) weights of the presses."""
         weights = weights * ~self.gross
         held_out = np.average(np.abs(self.held_out), axis=0, weights=weights)
         equal = self.equal_frames(weights)
@@ -173,13 +194,13 @@ class Scatter:
 
 
 def folded_mean(off: Array, rest: Array) -> Array:
-    """Return E|off + e| of normal e with E|e| = rest."""
+    """Return E|off + e| of a normal e with E|e| = rest."""
     s = rest * np.sqrt(np.pi / 2)
     return np.asarray(rest * np.exp(-((off / s) ** 2) / 2) + off * erf(off / s / np.sqrt(2)))
 
 
 def scatter(moved: Array, labels: Array, rng: np.random.Generator) -> Scatter:
-    """Return how far labels (N, 4) of COLUMNS are off displacements (N, 2 P)."""
+    """Return the errors of labels (N, 4) of COLUMNS, judged by displacements (N, 2 P), px."""
     regression, turn, side = HeldOut(moved), labels[:, 3], labels[:, 2]
     off, unmade = np.zeros((len(labels), 2)), np.zeros(len(labels), dtype=bool)
     for _ in range(ROUNDS):
@@ -209,14 +230,20 @@ def scatter(moved: Array, labels: Array, rng: np.random.Generator) -> Scatter:
 
 
 def median_slope(x: Array, y: Array) -> float:
-    """Return the slope of y against x through 0 by weighted medians: least absolute residuals."""
+    """Return the slope of y against x through 0 that has the least absolute residuals."""
     order = np.argsort(y / x)
     weight = np.cumsum(np.abs(x[order]))
     return float((y / x)[order][np.searchsorted(weight, weight[-1] / 2)])
 
 
 def near_pairs(places: Array, halves: Numbers, rows: Numbers) -> tuple[Numbers, Array]:
-    """Return (M, 2) rows of presses of one half that are near each other, and their distances."""
+    """Return the (M, 2) rows of presses of one half that are near each other, and their distances.
+
+    Args:
+        places: (N, D) places of the presses.
+        halves: (N,) number of the half of each press, 0 or 1.
+        rows: Rows of the presses that take part.
+    """
     pairs, apart = [], []
     for half in (rows[halves[rows] == number] for number in (0, 1)):
         far, near = cKDTree(places[half]).query(places[half], k=NEIGHBOURS + 1)
@@ -228,7 +255,13 @@ def near_pairs(places: Array, halves: Numbers, rows: Numbers) -> tuple[Numbers, 
 def intervals(
     of: Callable[[Array], dict[str, Array]], count: int, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Return name -> (3, 2): figures, and their lower and upper limits over resampled presses."""
+    """Return name -> (3, 2) figures with their lower and upper limits over resampled presses.
+
+    Args:
+        of: Function that returns the figures for (N,) weights of the presses.
+        count: Number N of presses.
+        rng: Source of the resamples.
+    """
     drawn = [
         of(rng.multinomial(count, np.full(count, 1 / count)).astype(float))
         for _ in range(RESAMPLES)
@@ -249,11 +282,11 @@ def show_moves(found: Scatter, moved: Array, rest: Array, labels: Array) -> None
         follows = max(abs(np.corrcoef(axis, side)[0, 1]) for axis in shift[rows].T)
         plain, less = (direction_of(middle[rows], t)[1] for t in (tilt, tilt - turn))
         flat = np.concatenate([moved[rows, :, 0], moved[rows, :, 1]], axis=1)
-        told = turn - HeldOut(flat).residuals(turn[:, None])[:, 0]
+        seen = turn - HeldOut(flat).residuals(turn[:, None])[:, 0]
         print(
             f"  move {name}: {rows.sum():,} presses; shift and move_1 {follows:.2f}; centre and "
             f"label {plain:.3f}, less the turn {less:.3f}; turn and what the pins tell of it "
-            f"{np.corrcoef(told, turn)[0, 1]:.2f}, off by {np.abs(told - turn).mean():.2f} deg"
+            f"{np.corrcoef(seen, turn)[0, 1]:.2f}, off by {np.abs(seen - turn).mean():.2f} deg"
         )
 
 
@@ -264,12 +297,12 @@ def main(folders: tuple[Path, ...], seed: int) -> None:
     for folder in folders:
         rng = np.random.default_rng(seed)
         moved, rest, labels = training_presses(folder)
-        found = scatter(np.concatenate([moved[..., 0], moved[..., 1]], axis=1), labels, rng)
-        figures = intervals(found.figures, len(labels), rng)
-        print(f"{folder}: {len(labels):,} presses, {found.gross.sum()} that fit neither left out")
-        show_moves(found, moved, rest, labels)
+        errors = scatter(np.concatenate([moved[..., 0], moved[..., 1]], axis=1), labels, rng)
+        figures = intervals(errors.figures, len(labels), rng)
+        print(f"{folder}: {len(labels):,} presses, {errors.gross.sum()} that fit neither left out")
+        show_moves(errors, moved, rest, labels)
         for number, (name, digits) in enumerate((("depth, mm", 4), ("tilt, deg", 3))):
-            print(f"  {name}: pins {found.pins[number]:.{digits}f}", end="")
+            print(f"  {name}: pins {errors.pins[number]:.{digits}f}", end="")
             for figure, values in figures.items():
                 value, low, high = values[:, number]
                 print(

@@ -1,4 +1,4 @@
-"""Large data sets: processor time and memory of opening one, by its index and without.
+"""Measure processor time and memory of opening a large data set, with its index and without.
 
     python benchmarks/large_dataset.py [--samples 1000000]
 
@@ -38,7 +38,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 
 def write_dataset(folder: Path, count: int) -> None:
-    """Write a closed data set of so many samples with ten channels each."""
+    """Write a closed data set of ``count`` samples with ten channels each."""
     row = np.arange(10, dtype=np.float32).tobytes()
     sha256 = hashlib.sha256(row).hexdigest()
     total = hashlib.sha256()

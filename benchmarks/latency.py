@@ -1,12 +1,13 @@
-"""Frame to contacts, batch 1: the U-Net as it is timed, against the same network used plainly.
+"""Measure the time from frame to contacts of the U-Net as runs time it, and of plain PyTorch.
 
     python benchmarks/latency.py [--calls 300] [--width 16] [--threads 1,2]
 
-Plain: the network in eager float32, normalisation not folded, contiguous memory, its maps read with
-``skimage.feature.peak_local_max``. Timed: the way to compute that a run chooses, and every other
-one that works here. All are called in turns in one process. The weights are random, so all decode
-true heatmaps of three contacts instead of the network's own maps. Times are given by the clock on
-the wall and, for one thread, as processor time, on which busy neighbours have less influence.
+Plain is the same network in eager float32, with normalisation not folded and contiguous memory, its
+maps read with ``skimage.feature.peak_local_max``. Timed is the configuration that a run chooses,
+and every other one that works on this machine. All are called in turns in one process, one frame a
+call. The weights are random, so that all decode true heatmaps of three contacts instead of the
+network's own maps. Times are given by the clock on the wall and, for one thread, as processor time,
+on which other work of the machine has less influence.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ NEEDED = {False: 1.5, True: 2.5}
 
 
 def scenes(rng: np.random.Generator, count: int) -> list[Contacts]:
-    """Three contacts 8 mm apart, as the triple indenter makes them."""
+    """Return frames of three contacts 8 mm apart, as the triple indenter makes them."""
     turn = rng.uniform(0, 2 * np.pi, (count, 1)) + np.arange(3) * 2 * np.pi / 3
     xy = 8 / np.sqrt(3) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     depths = rng.uniform(0.5, 6, (count, 3))
@@ -44,15 +45,17 @@ def scenes(rng: np.random.Generator, count: int) -> list[Contacts]:
 
 
 def peaks(maps: np.ndarray) -> list[Contacts]:
-    """What is commonly done: local maxima of the map, their height as depth."""
-    found = []
+    """Return the local maxima of each map with their height as depth, as is commonly done."""
+    contacts = []
     for heat in maps[:, 0]:
         cells = peak_local_max(heat, min_distance=5, threshold_abs=0.05)
         rows, columns = cells.T
         x, y = GRID.axes()
         depth = MAX_DEPTH_MM * heat[rows, columns]
-        found.append(Contacts(np.column_stack([x[columns], y[rows]]), depth, heat[rows, columns]))
-    return found
+        contacts.append(
+            Contacts(np.column_stack([x[columns], y[rows]]), depth, heat[rows, columns])
+        )
+    return contacts
 
 
 def plain(model: UNet) -> list[Stage]:
@@ -65,7 +68,7 @@ def blank(rng: np.random.Generator) -> Frame:
 
 
 def with_true_maps(stages: Sequence[Stage], maps: np.ndarray) -> list[Stage]:
-    """The same stages, of which the last reads true maps in turn."""
+    """Return the same stages, of which the last one decodes true maps in turn."""
     turns = cycle(maps[:, None])
     *before, (name, decode) = stages
     return [*before, (name, lambda _: decode(next(turns)))]

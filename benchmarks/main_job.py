@@ -1,13 +1,13 @@
-"""How long the main job takes: ``tactibench run exp2 --model unet`` as a researcher types it.
+"""Measure how long ``tactibench run exp2 --model unet`` takes, as a researcher types it.
 
-    python benchmarks/main_job.py                  all of it, about 10 minutes on 2 cores
+    python benchmarks/main_job.py                  all jobs, about 10 minutes on 2 cores
     python benchmarks/main_job.py --only quick     one job; again and fresh need cold
 
 Every job runs as a process of its own in a cache and a store made for this call:
 
-    cold   nothing is there: frames are generated, the U-Net trained, predictions timed and scored
+    cold   empty cache: frames are generated, the U-Net trained, predictions timed and scored
     again  the same command: the stored record is shown
-    fresh  the same command with --fresh: frames and weights from the cache, all else anew
+    fresh  the same command with --fresh: frames and weights from the cache, all else made again
     quick  --quick in a cache of its own
 
 Prints wall seconds beside the targets, and the machine. Exit code 1 when a target is missed.
@@ -30,7 +30,14 @@ from tactibench.run.machine import fingerprint, fingerprint_hash
 
 @dataclass(frozen=True)
 class Job:
-    """One command. warm: runs in the cache and store that ``cold`` filled."""
+    """A command that is timed.
+
+    Attributes:
+        name: Name of the job.
+        options: Options of the command.
+        target_s: Largest wall time, s.
+        warm: Whether the job needs the cache and store that ``cold`` filled.
+    """
 
     name: str
     options: tuple[str, ...]
@@ -47,7 +54,7 @@ JOBS = (
 
 
 def chosen(names: list[str]) -> list[Job]:
-    """The jobs asked for, and ``cold`` before those that need it."""
+    """Return the jobs of these names, or all, with ``cold`` before jobs that need it."""
     wanted = {*names} or {job.name for job in JOBS}
     if any(job.name in wanted and job.warm for job in JOBS):
         wanted.add("cold")
@@ -55,7 +62,14 @@ def chosen(names: list[str]) -> list[Job]:
 
 
 def seconds(job: Job, folder: Path, protocol: str, model: str) -> float:
-    """Wall time of the command; its output goes to a log file, which is shown when it fails."""
+    """Return the wall time of a job, s; its output goes to a log file, shown when the job fails.
+
+    Args:
+        job: Job to run.
+        folder: Folder of caches, stores and logs.
+        protocol: Name of the protocol.
+        model: Name of the model.
+    """
     place = folder / ("quick" if job.name == "quick" else "main")
     place.mkdir(exist_ok=True)
     command = [sys.executable, "-m", "tactibench", "run", protocol, "--model", model, *job.options]
@@ -70,10 +84,10 @@ def seconds(job: Job, folder: Path, protocol: str, model: str) -> float:
             stderr=subprocess.STDOUT,
             env=environment,
         )
-    taken = time.perf_counter() - start
+    wall_s = time.perf_counter() - start
     if done.returncode:
         sys.exit(f"{' '.join(command)} failed:\n{log.read_text(encoding='utf-8')[-2000:]}")
-    return taken
+    return wall_s
 
 
 def main() -> int:
@@ -91,15 +105,15 @@ def main() -> int:
         print(f"tactibench run {asked.protocol} --model {asked.model}; load before: {busy:.1f}")
         print(f"{'job':8}{'options':12}{'seconds':>9}{'target':>9}")
         for job in chosen(asked.only):
-            taken = seconds(job, Path(name), asked.protocol, asked.model)
-            verdict = "" if taken <= job.target_s else "  missed"
+            wall_s = seconds(job, Path(name), asked.protocol, asked.model)
+            verdict = "" if wall_s <= job.target_s else "  missed"
             text = " ".join(job.options)
-            print(f"{job.name:8}{text:12}{taken:9.1f}{job.target_s:9.0f}{verdict}", flush=True)
+            print(f"{job.name:8}{text:12}{wall_s:9.1f}{job.target_s:9.0f}{verdict}", flush=True)
             rows.append(
                 {
                     "metric": "wall_s",
                     "group": job.name,
-                    "value": taken,
+                    "value": wall_s,
                     "unit": "s",
                     "target": job.target_s,
                 }

@@ -1,12 +1,12 @@
-"""Fit what contacts do to each other to finite-element mechanics, and print how well it holds.
+"""Fit the effect of contacts on each other to finite-element mechanics, and print its errors.
 
     python benchmarks/neighbours.py [--pairs 3000] [--triples 2000] [--write]
 
-Presses of the nominal simulated tactip-127 without noise: single ones give the field, pairs and
-triples at random places and depths (5.5 mm apart or more) are fitted by as many single contacts as
-they have, and the law says how far those lie from the true ones. Printed: the error of both
-directions of the law on presses it was not fitted to, beside that of plain addition. ``--write``
-replaces the coefficients that ship (tactibench/superposition/neighbours.npz).
+All presses are of the nominal simulated tactip-127 without noise. Single presses give the field.
+Pairs and triples at random places and depths (5.5 mm apart or more) are fitted by as many single
+contacts as they have, and the law gives the shift of those from the true ones. Printed is the error
+of both directions of the law on presses to which it was not fitted, beside that of plain addition.
+``--write`` replaces the coefficients that ship (tactibench/superposition/neighbours.npz).
 """
 
 from __future__ import annotations
@@ -30,12 +30,16 @@ Array = npt.NDArray[np.float64]
 
 HALF_MM, DEPTHS_MM, CLOSEST_MM, TIP_MM = 6.4, (0.5, 6.0), 5.5, 3.0
 FARTHEST_MM, SHALLOWEST_MM = 1.5, 0.1
-"""A fit that lies farther off, or is shallower, has lost its contact and teaches nothing."""
+"""A fit that is farther from the truth, or shallower, has lost its contact and is left out."""
 HELD_OUT = 5
 
 
 def scene_of(contacts: Array) -> Scene:
-    """Rigid tips at contacts (K, 3): heights that give every tip its depth."""
+    """Return a press of rigid tips whose heights give every contact its depth.
+
+    Args:
+        contacts: (K, 3) x, y and depth of the contacts, mm.
+    """
     reach = DOME_RADIUS_MM + TIP_MM
     height = np.sqrt(reach**2 - (contacts[:, :2] ** 2).sum(axis=1)) - contacts[:, 2]
     middle = contacts[:, :2].mean(axis=0)
@@ -48,19 +52,26 @@ def scene_of(contacts: Array) -> Scene:
 def free_contacts(
     count: int, each: int, rng: np.random.Generator, closest: float = CLOSEST_MM
 ) -> Array:
-    """(count, each, 3) mm at random places and depths, ``closest`` mm apart or more."""
-    found: list[Array] = []
-    while len(found) < count:
+    """Return (count, each, 3) contacts at random places and depths, mm.
+
+    Args:
+        count: Number of presses.
+        each: Number of contacts of each press.
+        rng: Source of places and depths.
+        closest: Least distance of two contacts of a press, mm.
+    """
+    contacts: list[Array] = []
+    while len(contacts) < count:
         xy = rng.uniform(-HALF_MM, HALF_MM, (each, 2))
         apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1)[np.triu_indices(each, 1)]
         if apart.min() >= closest:
-            found.append(np.column_stack([xy, rng.uniform(*DEPTHS_MM, each)]))
-    return np.array(found)
+            contacts.append(np.column_stack([xy, rng.uniform(*DEPTHS_MM, each)]))
+    return np.array(contacts)
 
 
 def report(name: str, law: NeighbourLaw, given: Array, wanted: Array) -> None:
-    for kind, found in (("added", given), ("law", given + law.shift(given))):
-        off = found - wanted
+    for kind, predicted in (("added", given), ("law", given + law.shift(given))):
+        off = predicted - wanted
         place = np.hypot(off[..., 0], off[..., 1])
         print(
             f"{name:22s} {kind:6s} place: mean {place.mean():.3f}, median {np.median(place):.3f}, "
@@ -100,12 +111,12 @@ def main() -> None:
     for name in ("forward", "inverse"):
         given, wanted = [], []
         for contacts, fitted in sets:
-            kept = np.abs(fitted - contacts).max(axis=(1, 2)) < FARTHEST_MM
-            kept &= fitted[..., 2].min(axis=1) > SHALLOWEST_MM
-            kept &= np.arange(len(kept)) % HELD_OUT > 0
-            one, other = (contacts, fitted) if name == "forward" else (fitted, contacts)
-            given.append(one[kept])
-            wanted.append(other[kept] - one[kept])
+            used = np.abs(fitted - contacts).max(axis=(1, 2)) < FARTHEST_MM
+            used &= fitted[..., 2].min(axis=1) > SHALLOWEST_MM
+            used &= np.arange(len(used)) % HELD_OUT > 0
+            start, end = (contacts, fitted) if name == "forward" else (fitted, contacts)
+            given.append(start[used])
+            wanted.append(end[used] - start[used])
         # What a third contact takes off is read from the law of pairs, so that comes first.
         pairs = NeighbourLaw.learn(given[:1], wanted[:1], NeighbourLaw.none())
         laws[name] = NeighbourLaw.learn(given, wanted, pairs)

@@ -1,22 +1,22 @@
-"""Pins: coverage and speed on real frames, precision on simulated ones, graphs a second.
+"""Measure pins: coverage and speed on real frames, precision on simulated ones, graphs a second.
 
     python -P benchmarks/pins.py [--every 10] [--frames 200]
 
-(-P: numba would take ``coverage.py`` of this folder for the package of that name.)
+(-P keeps files of this folder from hiding packages of the same name.)
 
-* real: the frames of the Tac-VGNN sets (TACTIBENCH_TACVGNN, or ../shared/data/tac-vgnn), one
-  thread, reading them left out, beside connected components and one Hungarian assignment of all
-  blobs to all pins at rest, in turn on the same frames. ``seen`` is the share of pins that were
-  seen, the others are predicted from their neighbours; ``whole`` that of frames with every pin
-  seen; ``rough`` the worst displacement of a seen pin against the plane through its neighbours',
-  pitches.
-* simulated: rms error of the tracked positions against where the renderer put the pins, px an axis,
-  beside the Cramer-Rao limit of all pins' positions and radii together; ``bias`` is the rms over
-  tenths of a pixel of the mean error there, with what noise alone would leave of it; ``lost`` the
-  share farther off than half a pixel, which the rms of the others leaves out.
+* real: the frames of the Tac-VGNN sets (TACTIBENCH_TACVGNN, or ../shared/data/tac-vgnn) on one
+  thread, without the time to read them. The tracker takes turns on the same frames with connected
+  components and one Hungarian assignment of all blobs to all pins at rest. ``seen`` is the share of
+  pins that were seen; the others are predicted from their neighbours. ``whole`` is the share of
+  frames with every pin seen. ``rough`` is the worst displacement of a seen pin against the plane
+  through those of its neighbours, pitches.
+* simulated: rms error of the tracked positions against the positions that the renderer drew, px an
+  axis, beside the Cramer-Rao limit of all pins' positions and radii together. ``bias`` is the rms
+  over tenths of a pixel of the mean error there, with the value that noise alone would give.
+  ``lost`` is the share of pins more than half a pixel off, which the rms of the others leaves out.
 * graph: pins to edges, cell areas and border, beside ``scipy.spatial.Delaunay`` alone.
 
-Times are processor time of this thread: what else the machine does hardly counts.
+Times are processor time of this thread, on which other work of the machine has little influence.
 """
 
 from __future__ import annotations
@@ -59,22 +59,34 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def hungarian(images: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Every blob against every pin, as it is usually done."""
+    """Return the (N, P, 2) pins by assignment of every blob to every pin, as is usually done, px.
+
+    Args:
+        images: (N, H, W) frames.
+        rest: (P, 2) pins at rest, px.
+    """
     out = np.full((len(images), len(rest), 2), np.nan)
-    for image, found in zip(images, out, strict=True):
+    for image, places in zip(images, out, strict=True):
         _, bright = cv2.threshold(image, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
         boxes, middles = cv2.connectedComponentsWithStats(bright, connectivity=4)[2:]
         area = boxes[1:, cv2.CC_STAT_AREA]
         usual = np.median(area)
         blobs = middles[1:][(area > 0.3 * usual) & (area < 4.5 * usual)]
         row, column = linear_sum_assignment(cdist(rest, blobs, "sqeuclidean"))
-        found[row] = blobs[column]
+        places[row] = blobs[column]
     return out
 
 
 def roughness(tracks: Tracks, rest: np.ndarray) -> np.ndarray:
-    """(N,) worst displacement of a seen pin against the plane through ten neighbours', pitches."""
-    apart, near = (found[:, 1:] for found in cKDTree(rest).query(rest, k=11))
+    """Return the (N,) worst displacement of a seen pin in each frame, pitches.
+
+    It is taken against the plane through the displacements of ten neighbours.
+
+    Args:
+        tracks: Pins of N frames.
+        rest: (P, 2) pins at rest, px.
+    """
+    apart, near = (columns[:, 1:] for columns in cKDTree(rest).query(rest, k=11))
     basis = np.concatenate([np.ones((*near.shape, 1)), rest[near] - rest[:, None]], axis=2)
     plane = np.linalg.pinv(basis)[:, 0]
     moved = tracks.xy - rest
@@ -119,7 +131,7 @@ def show_real(pins: str, every: int) -> np.ndarray | None:
 
 
 def scenes(rng: np.random.Generator, count: int) -> list[Scene]:
-    """One, two or three tips, in turn."""
+    """Return presses of one, two and three tips in turn."""
     out = []
     for k in range(count):
         heights = tuple(rng.uniform(0, 2, 3))
@@ -137,7 +149,14 @@ def scenes(rng: np.random.Generator, count: int) -> list[Scene]:
 
 
 def limit(renderer: object, discs: np.ndarray) -> float:
-    """Cramer-Rao rms px an axis of all pins of one frame, x, y and radius of each unknown."""
+    """Return the Cramer-Rao limit of one frame: rms over all pins, px an axis.
+
+    The x, y and radius of every pin are unknown.
+
+    Args:
+        renderer: Renderer of the sensor.
+        discs: (P, 3) x, y and radius of the pins, px.
+    """
     clean = renderer.splatted(*discs.T[:, None])[0]
     weight = 1 / np.sqrt(renderer.variance(clean).ravel())
     step = 1e-3
@@ -165,16 +184,16 @@ def show_simulated(host: PluginHost, name: str, count: int) -> None:
         taken: list[Tracks] = []
         spent = seconds(lambda tracker=tracker, taken=taken: taken.append(tracker.track(images)))
         still = np.stack(sensor.renderer.project(sensor.points([_untouched()])), axis=-1)[0, :, :2]
-        which = cKDTree(tracker.rest).query(still)[1]
-        error = taken[0].xy[:, which] - true
+        order = cKDTree(tracker.rest).query(still)[1]
+        error = taken[0].xy[:, order] - true
         near = np.linalg.norm(error, axis=-1) < LOST_PX
-        kept = error[near]
+        tracked = error[near]
         phase = np.floor(10 * (true[near] % 1)).astype(int)
-        means = [kept[phase == k].mean() for k in range(10)]
-        left = np.sqrt(np.mean([kept[phase == k].var() / np.sum(phase == k) for k in range(10)]))
+        means = [tracked[phase == k].mean() for k in range(10)]
+        left = np.sqrt(np.mean([tracked[phase == k].var() / np.sum(phase == k) for k in range(10)]))
         print(
-            f"{name} {refine}: rms {np.sqrt(np.mean(kept**2)):.4f} px, median |e| "
-            f"{np.median(np.abs(kept)):.4f}, bias {np.sqrt(np.mean(np.square(means))):.4f} "
+            f"{name} {refine}: rms {np.sqrt(np.mean(tracked**2)):.4f} px, median |e| "
+            f"{np.median(np.abs(tracked)):.4f}, bias {np.sqrt(np.mean(np.square(means))):.4f} "
             f"(noise alone {left:.4f}), lost {1 - near.mean():.3%}, seen "
             f"{taken[0].seen.mean():.3%}; {count / spent:,.0f} frames/s"
         )

@@ -1,14 +1,14 @@
-"""How far answers drift with the type of number: every model with weights in the cache, encoders.
+"""Measure how far answers drift with the type of number, for models and encoders.
 
     python benchmarks/precision.py [--models cnn unet ...] [--frames 128] [--compile] [--json FILE]
     python benchmarks/precision.py --read unet.json cnn.json
 
-A model answers in every type of number and configuration that works here, in batches of 1, 8, 32
-and 128 frames, on 1 and 2 threads, and is compared with ``predict`` in float32, one frame a call,
-on one thread. An encoder's maps of random contacts are rounded to each type and read again. Printed
-as Markdown: of each configuration its largest median and its largest drift, over all batches and
-threads. --read prints what --json wrote, without asking a model. --untrained takes random weights.
-Models without weights in the cache are named.
+A model answers in every type of number and configuration that works on this machine, in batches of
+1, 8, 32 and 128 frames, on 1 and 2 threads. Its answers are compared with ``predict`` in float32,
+one frame a call, on one thread. The maps of random contacts of an encoder are rounded to each type
+and decoded again. Printed as Markdown are the largest median and the largest drift of each
+configuration, over all batches and threads. --read prints the files that --json wrote, without
+running a model. --untrained takes random weights. Models without weights in the cache are named.
 """
 
 from __future__ import annotations
@@ -49,15 +49,16 @@ from tactibench.training import LearnedModel
 MODELS = ("cnn", "unet", "vgnn", "mixture", "superpose")
 THREADS = (1, 2)
 FEW = 32
-"""Frames, spread over all, that smaller batches hold: types that are emulated are slow."""
+"""Number of frames, spread over all, that are answered in smaller batches: types that are emulated
+are slow."""
 COMPILE_S = 60.0
-"""Seconds that making one shape ready may take; a configuration that takes longer is left out."""
+"""Longest time to compile for one shape, s; a configuration that takes longer is left out."""
 TYPES = {
     "float64": "float64 throughout the network",
     "bf16": "bf16 products (autocast), normalisation folded, channels_last",
     "fp16": "fp16 products (autocast), normalisation folded, channels_last",
 }
-"""Types of number of any model that is one network, beside the configurations of its own."""
+"""Types of number of any model that is one network, beside the model's own configurations."""
 ENCODER_TYPES = (torch.float64, torch.bfloat16, torch.float16)
 GRID = Grid.centred(64, 0.4)
 HALF_MM, DEPTHS_MM = 9.0, (0.5, 6.0)
@@ -72,9 +73,14 @@ Make = Callable[[Sequence[Frame]], Sequence[Stage]]
 def ways(model: Model, *, compiled: bool = False) -> dict[str, Make]:
     """Return name -> function that makes the stages ready for frames.
 
-    A configuration of the model goes before the type of number of its name, which stands in where
-    this machine cannot compute so: what a type does to the answers can be asked anywhere. Making
-    raises UserError with the reason where this machine or model cannot.
+    A configuration of the model goes before the type of number of the same name. The type is taken
+    where this machine cannot compute the configuration, so that its effect on the answers can be
+    measured anywhere. The functions raise UserError with the reason where this machine or model
+    cannot compute so.
+
+    Args:
+        model: Model that answers.
+        compiled: Whether to include the configuration that is compiled.
     """
     names = [name for name in model.configurations if compiled or name != COMPILED]
     makes: dict[str, Make] = {name: partial(model.configured, name) for name in names}
@@ -100,7 +106,11 @@ def typed_stages(model: LearnedModel, name: str, _: Sequence[Frame] = ()) -> lis
 
 
 def _narrow(model: LearnedModel, name: str) -> Callable[[torch.Tensor], Any]:
-    """Mixed arithmetic: products in 16 bits, sums in 32, as autocast divides them."""
+    """Return the forward pass in mixed arithmetic: products in 16 bits, sums in 32 (autocast).
+
+    Raises:
+        UserError: The network cannot be folded for this type.
+    """
     device = model.context.device
     kind = {"bf16": torch.bfloat16, "fp16": torch.float16}[name]
     try:
@@ -118,7 +128,7 @@ def _narrow(model: LearnedModel, name: str) -> Callable[[torch.Tensor], Any]:
 
 
 class _Wider(TorchFunctionMode):
-    """Gives float64 where a network asks for float32."""
+    """A mode of torch that converts to float64 where a network asks for float32."""
 
     def __torch_function__(
         self, function: Any, _types: Any, args: Any = (), kwargs: Any = None
@@ -129,7 +139,7 @@ class _Wider(TorchFunctionMode):
 
 
 def _wide(model: LearnedModel) -> Callable[[torch.Tensor], Any]:
-    """A copy of the network with all weights in float64."""
+    """Return the forward pass of a copy of the network with all weights in float64."""
     device = model.context.device
     network = copy.deepcopy(model.network).double().eval()
 
@@ -154,10 +164,22 @@ def drift_rows(
     threads: Sequence[int] = THREADS,
     compiled: bool = False,
 ) -> dict[str, Any]:
-    """Answer the frames in every way that works here and compare with ``predict`` in float32.
+    """Answer frames in every way that works on this machine, and compare with ``predict``.
 
-    A batch of more frames than there are is left out; smaller ones hold ``FEW`` frames. Returned
-    are the model's own mean error, why ways were left out, and a row a way, batch and threads.
+    ``predict`` answers in float32, one frame a call, on one thread. Batches that are larger than
+    the number of frames are left out; batches smaller than ``FEW`` are tried on ``FEW`` frames.
+
+    Args:
+        model: Model that answers.
+        frames: Frames of the test.
+        truth: The true answer to every frame.
+        batches: Sizes of the batches; (): those of ``run.latency``.
+        threads: Numbers of threads.
+        compiled: Whether to try the configuration that is compiled.
+
+    Returns:
+        ``error_mm``, the mean error of the model; ``skipped``, name of a way -> why it was left
+        out; and ``drift``, a row for each way, batch and number of threads.
     """
     seen = [blinded(frame) for frame in frames]
     with limited_threads(1):
@@ -194,7 +216,11 @@ def drift_rows(
 
 
 def _compile(stages: Sequence[Stage], frames: Sequence[Frame], began: float) -> float:
-    """Call once, which compiles; the time after it. Raises UserError where that takes too long."""
+    """Call the stages once, which compiles them, and return the time after it, s.
+
+    Raises:
+        UserError: More than COMPILE_S seconds passed since ``began``.
+    """
     read_all(stages, frames, len(frames))
     took = time.monotonic() - began
     if took > COMPILE_S:
@@ -206,9 +232,15 @@ def _compile(stages: Sequence[Stage], frames: Sequence[Frame], began: float) -> 
 
 
 def read_all(stages: Sequence[Stage], frames: Sequence[Frame], batch: int) -> dict[str, Any]:
-    """Return answers in batches, and how many outputs before the last stage are not finite.
+    """Return the answers to frames, with the number of outputs that are not finite.
 
-    The answers of a batch that the last stage refuses are None, and counted.
+    Outputs are the values before the last stage. The answers of a batch that the last stage refuses
+    are None, and are counted as "refused".
+
+    Args:
+        stages: Phases of the prediction.
+        frames: Frames to answer.
+        batch: Number of frames of a batch.
     """
     answers: list[Answer | None] = []
     outputs = not_finite = refused = 0
@@ -243,7 +275,15 @@ def model_rows(
     untrained: bool = False,
     params: Sequence[str] = (),
 ) -> dict[str, Any] | None:
-    """Return the drift of a model; None without weights in the cache."""
+    """Return the drift of a model; None where the cache does not hold its weights.
+
+    Args:
+        name: Name of the model.
+        frames: Number of test frames of exp1.
+        compiled: Whether to try the configuration that is compiled.
+        untrained: Whether to take random weights.
+        params: Parameters of the run, as of ``tactibench run --param``.
+    """
     parameters = read_parameters(tuple(params))
     request = RunRequest("exp1", name, limit=frames, device="cpu", parameters=parameters)
     plan = make_plan(request, PluginHost(), cache_folder())
@@ -260,7 +300,7 @@ def model_rows(
 
 
 def encoder_rows(count: int = 200) -> Iterator[Row]:
-    """Yield, for every encoder, how far maps rounded to a type are read from those in float32."""
+    """Yield, for every encoder and type, the drift of contacts decoded from rounded maps."""
     rng = np.random.default_rng(0)
     truth = [
         Contacts.truth(rng.uniform(-HALF_MM, HALF_MM, (1, 2)), rng.uniform(*DEPTHS_MM, 1))
@@ -287,7 +327,7 @@ def encoder_rows(count: int = 200) -> Iterator[Row]:
 
 
 def model_lines(drift: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Yield a line a configuration: the largest of each column over batches and threads."""
+    """Yield a line for each configuration: the largest of each column over batches and threads."""
     for name, group in groupby(drift["drift"], key=lambda row: row["configuration"]):
         rows = list(group)
 
@@ -307,14 +347,14 @@ def model_lines(drift: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def length(value: float | None) -> str:
-    """Return mm as text; powers of ten where five places say nothing."""
+    """Return mm as text, as a power of ten where five decimals are too few."""
     if value is None:
         return "n/a"
     return f"{value:.5f}" if value == 0 or value >= 1e-4 else f"{value:.1e}"
 
 
 def share(value: float | None) -> str:
-    """Return per cent with two figures."""
+    """Return a share as per cent with two figures."""
     return "n/a" if value is None else f"{100 * value:.2g} %"
 
 

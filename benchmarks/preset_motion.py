@@ -1,15 +1,16 @@
-"""How far the pins of a preset move beside those of the real sensor, under the same plate presses.
+"""Compare how far the pins of a preset and of the real sensor move under the same plate presses.
 
     python benchmarks/preset_motion.py DIR SENSOR [--version 2] [--moved 1] [--fitted]
 
-DIR: model_surface2d of a Tac-VGNN set with as many pins as SENSOR (tactip-127, tactip-331) has.
+DIR is model_surface2d of a Tac-VGNN set with as many pins as SENSOR (tactip-127, tactip-331) has.
 A calibration that ships turns the labels into indentation and tilt; the preset is pressed by its
-own plate, as deep and as tilted, on its own dome, without friction and without noise. Presses are
-those of the blocks of tilt and depth that no fit saw, moved sideways by less than --moved mm
+own plate, as deep and as tilted, on its own dome, without friction and without noise. The presses
+are those of the blocks of tilt and depth that no fit saw, moved sideways by less than --moved mm
 (--fitted: those of the fit, which are no test).
 
-Gain: <real, sim> / <sim, sim> over all pins, how much farther the real pins move; median over the
-presses of a band of indentation. Relative: ||sim - real|| / ||real||, likewise. Half a minute.
+Gain is <real, sim> / <sim, sim> over all pins, the factor by which the real pins move farther; its
+median over the presses of a band of indentation is printed. Relative is ||sim - real|| / ||real||,
+likewise. It takes half a minute.
 """
 
 from __future__ import annotations
@@ -37,34 +38,38 @@ PLATE = Indenter.plate()
 
 
 def places(sensor: SimulatedTacTip, scenes: list[Scene]) -> Array:
-    """Return (S, P, 2) places of the pins in the frame, px."""
+    """Return the (S, P, 2) places of the pins in the frames of S scenes, px."""
     x, y, _ = sensor.renderer.project(sensor.points(scenes))
     return np.stack([x, y], axis=-1)
 
 
 def pairs(ours: Array, real: Array) -> npt.NDArray[np.intp]:
-    """Return (P,) which of our (P, 2) places stands for each real one, both centred."""
+    """Return the (P,) rows of our places (P, 2) that match the real ones (P, 2), both centred."""
     apart = real[:, None] - real.mean(axis=0) - (ours - ours.mean(axis=0))
     return np.asarray(linear_sum_assignment((apart**2).sum(axis=-1))[1])
 
 
 def roll_deg(ours: Array, real: Array) -> float:
-    """Return by how much the real (P, 2) places are turned against ours, deg."""
+    """Return the turn of the real places (P, 2) against ours (P, 2), deg."""
     ours, real, turned = ours - ours.mean(axis=0), real - real.mean(axis=0), 0.0
     for _ in range(4):  # a better turn pairs more pins rightly
         c, s = math.cos(turned), math.sin(turned)
         mine = ours @ np.array([[c, s], [-s, c]])
-        own = mine[pairs(mine, real)]
-        across = own[:, 0] * real[:, 1] - own[:, 1] * real[:, 0]
-        turned += math.atan2(across.sum(), (own * real).sum())
+        paired = mine[pairs(mine, real)]
+        across = paired[:, 0] * real[:, 1] - paired[:, 1] * real[:, 0]
+        turned += math.atan2(across.sum(), (paired * real).sum())
     return math.degrees(turned)
 
 
 def motion(sensor: SimulatedTacTip, presses: Presses, name: str) -> tuple[Array, Array]:
-    """Return the indentation (S,) mm of presses and the (S, P, 2) px that the preset's pins move.
+    """Return the (S,) indentation of presses, mm, and the (S, P, 2) motion of a preset's pins, px.
 
-    The pins are in the order of the real ones: paired by least distance at rest, both centred. The
-    camera of the preset must be turned as the real one.
+    The pins are in the order of the real ones: paired by least distance at rest, both centred.
+
+    Args:
+        sensor: Sensor of the preset, whose camera is turned as the real one.
+        presses: Real presses.
+        name: Name of the calibration.
     """
     x = calibration(name).unknowns
     depth, tilt = indentation(x, presses.labels), presses.labels.tilt + x.tilt_offset_deg
@@ -79,7 +84,7 @@ def motion(sensor: SimulatedTacTip, presses: Presses, name: str) -> tuple[Array,
 
 
 def gain(sim: Array, real: Array) -> Array:
-    """Return (S,) how much farther the real pins (S, P, 2) move than the simulated ones."""
+    """Return the (S,) factor by which real pins (S, P, 2) move farther than simulated ones."""
     seen = np.isfinite(real)
     out: Array = np.sum(sim * real, axis=(1, 2), where=seen) / np.sum(
         sim**2, axis=(1, 2), where=seen

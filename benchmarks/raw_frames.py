@@ -1,8 +1,8 @@
-"""Time of a raw camera frame: its pins cut out and evenly lit, and followed; against shrinking it.
+"""Measure the time to cut out, light evenly and follow the pins of raw frames, and to shrink them.
 
 python benchmarks/raw_frames.py FOLDER [--frames 100]
 
-FOLDER is read as ``data import`` would. All sides take the same frames in one run, one thread.
+FOLDER is read as by ``data import``. Both ways take the same frames in one run, on one thread.
 """
 
 from __future__ import annotations
@@ -21,7 +21,12 @@ from tactibench.markers.pin_view import find_pin_view
 
 
 def median_ms(work: Callable[[int], object], count: int) -> float:
-    """Return the median of single calls; the first, which compiles, is not counted."""
+    """Return the median time of a call, ms; a first call, which compiles, is not counted.
+
+    Args:
+        work: Function of the number of the call.
+        count: Number of calls.
+    """
     work(0)
     times = []
     for number in range(count):
@@ -32,7 +37,7 @@ def median_ms(work: Callable[[int], object], count: int) -> float:
 
 
 def main() -> None:
-    """Print milliseconds a frame and their ratio."""
+    """Print the milliseconds of a frame in both ways, and their ratio."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=100)

@@ -1,14 +1,16 @@
-"""Real frames beside simulated ones: a picture, and the sizes of the pins.
+"""Draw real frames beside simulated ones, and print the sizes of their pins.
 
     python benchmarks/real_pictures.py DIR/331/model_surface2d DIR/127/model_surface2d --out FILE
 
-For each recording of Tac-VGNN (Apache-2.0; Fan et al., ICRA 2023): its rest frame and two presses
-that its calibration was not fitted to, beside `fitted-*` of version 2 with the same indentation and
-tilt, black and white and with irregular glare. Nobody picks: of the presses that the robot moved by
-less than 0.5 mm, those nearest to 3.5 mm deep, level and tilted by 12 deg.
+For each recording of Tac-VGNN (Apache-2.0; Fan et al., ICRA 2023), the picture shows its rest frame
+and two presses to which its calibration was not fitted, beside `fitted-*` of version 2 with the
+same indentation and tilt, black and white and with irregular glare. The presses are not picked by
+hand: among those that the robot moved by less than 0.5 mm, they are the ones nearest to 3.5 mm
+deep, level and tilted by 12 deg.
 
-The table: area of the blob of a pin, px, at rest and under presses deeper than 3 mm, by the polar
-angle of the pin, over 300 presses that no fit saw; and likewise of version 1. A minute.
+The table shows the area of the blob of a pin, px, at rest and under presses deeper than 3 mm, by
+the polar angle of the pin, over 300 presses that no fit saw; and likewise of version 1. It takes a
+minute.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ SENSORS: dict[int, tuple[type[FittedSensor], dict[str, float]]] = {
     331: (Fitted331, {"glare_width": 0.014, "glare_arc": 80.0, "glare_radius": 0.465}),
     127: (Fitted127, {"glare_radius": 0.475}),
 }
-"""Number of pins -> sensor, and the glare of the real one where it is not the default's."""
+"""Number of pins -> sensor, and the glare of the real one where it differs from the default."""
 GLARE = {"glare": 1.0, "glare_scatter": 0.6, "glare_seed": 3}
 DEPTH_MM, TILTS_DEG, STILL_MM = 3.5, (0.0, 12.0), 0.5
 DEEP_MM, COUNT = 3.0, 300
@@ -47,7 +49,14 @@ POLARS = (0.0, 12.0, 24.0, 36.0, 48.0, 60.0)
 def simulated(
     presses: Presses, rows: Array, version: int, **optical: float
 ) -> tuple[Images, Array]:
-    """Return the rest frame and frames of some presses, and where the pins are in all, px."""
+    """Return the rest frame and the frames of presses, and the (S + 1, P, 2) places of pins, px.
+
+    Args:
+        presses: Real presses.
+        rows: (S,) rows of the presses to simulate.
+        version: Version of the sensor.
+        **optical: Optical parameters of the sensor, such as its glare.
+    """
     pins = len(presses.rest)
     x = calibration(str(pins)).unknowns
     depth = indentation(x, presses.labels).clip(0.0)
@@ -70,7 +79,13 @@ def simulated(
 
 
 def real(folder: Path, presses: Presses, rows: Array) -> tuple[Images, Array]:
-    """Return the same of the recording."""
+    """Return real frames and places of the pins, as ``simulated`` does.
+
+    Args:
+        folder: Folder of the recording.
+        presses: Presses of the recording.
+        rows: (S,) rows of the presses.
+    """
     names = [REST, *(presses.names[k] for k in rows)]
     images = [cv2.imread(str(folder / "frames_bw" / name), cv2.IMREAD_GRAYSCALE) for name in names]
     moved = np.concatenate([np.zeros((1, *presses.rest.shape)), presses.moved[rows]])
@@ -78,11 +93,16 @@ def real(folder: Path, presses: Presses, rows: Array) -> tuple[Images, Array]:
 
 
 def areas(images: Images, at: Array) -> Array:
-    """Return the (S, P) areas of the pins' blobs, px; NaN for pins not seen."""
-    found = [
+    """Return the (S, P) areas of the pins' blobs, px; NaN for pins that are not seen.
+
+    Args:
+        images: S frames.
+        at: (S, P, 2) places of the pins, px.
+    """
+    sizes = [
         np.pi * blob_radii(i, np.nan_to_num(xy)) ** 2 for i, xy in zip(images, at, strict=True)
     ]
-    return np.where(np.isfinite(at).all(axis=-1), found, np.nan)
+    return np.where(np.isfinite(at).all(axis=-1), sizes, np.nan)
 
 
 def print_areas(folder: Path, presses: Presses) -> None:
@@ -112,7 +132,7 @@ def print_areas(folder: Path, presses: Presses) -> None:
 
 
 def main() -> None:
-    """Print both tables and draw."""
+    """Print the table of every recording and draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--out", type=Path)
@@ -131,13 +151,13 @@ def main() -> None:
         )
         off = [abs(depth - DEPTH_MM) + abs(tilt - wanted) / 4 for wanted in TILTS_DEG]
         rows = np.array([still[np.argmin(o[still])] for o in off])
-        both = (
+        halves = (
             real(folder, presses, rows)[0],
             simulated(presses, rows, 2, **GLARE, **SENSORS[pins][1])[0],
         )
         titles = ["at rest", *(f"{depth[k]:.1f} mm, tilt {tilt[k]:.0f} deg" for k in rows)]
         for column, title in enumerate(titles):
-            for half, (images, name) in enumerate(zip(both, ("real", "simulated"), strict=True)):
+            for half, (images, name) in enumerate(zip(halves, ("real", "simulated"), strict=True)):
                 axis = axes[2 * column + half]
                 axis.imshow(images[column], cmap="gray", interpolation="antialiased")
                 axis.set_title(f"{name}\n{title}", fontsize=9)

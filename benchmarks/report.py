@@ -1,10 +1,10 @@
-"""Boards and HTML report of 200 stored runs: seconds, size, and how soon a browser shows the page.
+"""Measure boards and HTML report of 200 stored runs: seconds, size, and time to open the page.
 
     python benchmarks/report.py [--runs 200] [--folder DIR]
 
-The runs are made from the committed records: their answers, moved by up to a micrometre so that no
-two runs are alike, against truth that is drawn again, stored under other names and seeds. Must
-reach: board and report together within 10 s, at most 5 MB, opened within 2 s.
+The runs are made from the committed records. Their answers are moved by up to a micrometre, so that
+no two runs are alike, and stored with truth that is drawn again, under other names and seeds. The
+targets are: board and report together within 10 s, at most 5 MB, opened within 2 s.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ LIMIT_S, LIMIT_MB, LIMIT_OPEN_S = 10.0, 5.0, 2.0
 
 
 def sources(cache: Path) -> Iterator[tuple[Record, Arrays, Arrays]]:
-    """Committed records with their predictions and the truth, made again."""
+    """Yield committed records with their predictions and their truth, which is drawn again."""
     board, source = ROOT / "leaderboards", Source(trusted_host(), cache)
     for name in PROTOCOLS:
         protocol = load_protocol(name)
@@ -53,14 +53,14 @@ def sources(cache: Path) -> Iterator[tuple[Record, Arrays, Arrays]]:
 
 
 def make(folder: Path, count: int, rng: np.random.Generator) -> None:
-    """``runs`` and ``leaderboards`` of ``count`` runs each."""
-    known = list(sources(folder / "cache"))
+    """Write the folders ``runs`` and ``leaderboards`` with ``count`` runs each."""
+    records = list(sources(folder / "cache"))
     for k in range(count):
-        record, predicted, truth = known[k % len(known)]
+        record, predicted, truth = records[k % len(records)]
         predicted = {**predicted, "xy": predicted["xy"] + rng.uniform(-1e-3, 1e-3, 2)}
         name = f"{record.name}-{k}"
         identity = {"predictions_hash": arrays_hash(predicted)}
-        seed = record.seed + 10 * (k // len(known))
+        seed = record.seed + 10 * (k // len(records))
         images = rng.integers(0, 255, (24, 128, 128), dtype=np.uint8)
         parts: dict[str, Arrays] = {
             "truth": truth,
@@ -69,14 +69,14 @@ def make(folder: Path, count: int, rng: np.random.Generator) -> None:
             "maps": {},
             "examples": {"index": np.arange(24), "images": images},
         }
-        made = record.model_copy(
+        renamed = record.model_copy(
             update={
                 "name": name,
                 "seed": seed,
                 "identity": record.identity.model_copy(update=identity),
             }
         )
-        run = write_run(folder / "runs", made, parts)
+        run = write_run(folder / "runs", renamed, parts)
         place = folder / "leaderboards" / FOLDER / record.protocol.id / f"{name}.json"
         spec = load_protocol(record.protocol.id).spec
         write_arrays(answers_file(place), {**predicted, **ranked_errors(spec, truth, predicted)})
@@ -84,7 +84,13 @@ def make(folder: Path, count: int, rng: np.random.Generator) -> None:
 
 
 def timed(folder: Path, cache: Path, *command: str) -> float:
-    """Wall seconds of a command; printed with its processor time."""
+    """Run a command and return its wall seconds; they are printed with its processor time.
+
+    Args:
+        folder: Folder in which the command runs.
+        cache: Cache of the command.
+        *command: Arguments of ``tactibench``.
+    """
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = {**os.environ, "TACTIBENCH_CACHE": str(cache)}
     subprocess.run(
@@ -101,8 +107,10 @@ def timed(folder: Path, cache: Path, *command: str) -> float:
 
 
 def opened(page: Path) -> tuple[float, float] | None:
-    """Seconds from the request of a page until its tables can be read, and until the plotting
-    library has started; None: no browser."""
+    """Return the seconds until tables can be read, and until the plotting library has started.
+
+    They count from the request of the page. None: there is no browser.
+    """
     sys.path.insert(0, str(ROOT / "tests" / "shared"))
     try:
         from browser import chromium

@@ -1,9 +1,9 @@
-"""Large boards: processor time and memory of `board check` and `report`.
+"""Measure processor time and memory of `board` commands and of `report` on large boards.
 
     python benchmarks/scale.py [--submissions 2000]
 
-The submissions are copies of the committed ones under other models and seeds. What is printed is
-the processor time of the command (user and system) and its peak of memory.
+The submissions are copies of the committed ones under other models and seeds. Printed are the
+processor time of the command (user and system) and its peak of memory.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SEEDS = 3
 
 
 def write_board(folder: Path, count: int) -> None:
-    """Write a board of so many submissions."""
+    """Write a board of ``count`` submissions."""
     shutil.copytree(ROOT / "leaderboards" / "published", folder / "published")
     for path, values in copies(count):
         place = folder / "submissions" / path.parent.name
@@ -44,7 +44,7 @@ def write_board(folder: Path, count: int) -> None:
 
 
 def copies(count: int) -> Iterator[tuple[Path, dict]]:
-    """Yield committed records as other models, three seeds of each."""
+    """Yield paths and values of committed records under other models, with three seeds of each."""
     bases = sorted((ROOT / "leaderboards" / "submissions").glob("*/*.json"))
     for number in range(count):
         path = bases[number // SEEDS % len(bases)]
@@ -53,7 +53,7 @@ def copies(count: int) -> Iterator[tuple[Path, dict]]:
         values["model"]["name"] = model
         values["seed"] = number % SEEDS
         values["name"] = f"{values['protocol']['id']}-{model}-s{number % SEEDS}-{number:08x}"
-        # Three trainings of each model: seeds of one weights hash would count once.
+        # Three trainings of each model: seeds with the same weights hash would count once.
         values["identity"]["weights_hash"] = sha256(values["name"].encode()).hexdigest()
         sign(values)
         if values["identity"].get("sealed"):
@@ -62,13 +62,13 @@ def copies(count: int) -> Iterator[tuple[Path, dict]]:
 
 
 def cost(*words: str) -> tuple[float, float, str]:
-    """Return processor seconds and peak MB of a command, and the end of what it said."""
+    """Return processor seconds and peak MB of a command, and the last line of its output."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, "-c", _PEAK, *words], capture_output=True, text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    *said, peak = (done.stdout + done.stderr).strip().splitlines() or ["0"]
-    return seconds, float(peak), " ".join(said[-1:])[:100]
+    *output, peak = (done.stdout + done.stderr).strip().splitlines() or ["0"]
+    return seconds, float(peak), " ".join(output[-1:])[:100]
 
 
 _PEAK = """
@@ -95,9 +95,11 @@ def main() -> None:
             ("board", "show", "exp2", "--board", str(board)),
             ("report", "--board", str(board), "--out", str(Path(place) / "report.html")),
         ):
-            seconds, peak, said = cost(*words)
+            seconds, peak, last_line = cost(*words)
             name = " ".join(words[:2])
-            print(f"{name:16}{seconds:8.1f} s of processor {peak:8,.0f} MB  {said}", flush=True)
+            print(
+                f"{name:16}{seconds:8.1f} s of processor {peak:8,.0f} MB  {last_line}", flush=True
+            )
 
 
 if __name__ == "__main__":

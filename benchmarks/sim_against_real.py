@@ -1,13 +1,14 @@
-"""What each physical effect does for the simulator's likeness to real plate presses.
+"""Measure how each physical effect improves the simulator's likeness to real plate presses.
 
     python benchmarks/sim_against_real.py DIR [--fit 200] [--seed 0] [--without]
 
-DIR: model_surface2d of a Tac-VGNN set. Effects are added one after the other, each time with all
-unknowns so far fitted again on the same presses; then (--without) each is taken out of the whole.
-Presses of one colour of a checkerboard of tilt and depth are fitted, those of the other held out.
-Columns: number of fitted unknowns; median over the held-out presses of ||sim - real|| / ||real||,
-from the labels alone and where the frame decides whether the plate dragged the skin; mean distance
-of simulated and real pins, px, likewise. Minutes on one core.
+DIR is model_surface2d of a Tac-VGNN set. Effects are added one after the other, each time with all
+unknowns so far fitted again on the same presses. With --without each effect is removed from the
+complete model instead. Presses of one colour of a checkerboard of tilt and depth are fitted, those
+of the other are held out. The columns are: number of fitted unknowns; then the median over the
+held-out presses of ||sim - real|| / ||real||, and the mean distance of simulated and real pins, px,
+both from the labels alone and where the frame decides whether the plate dragged the skin. It takes
+minutes on one core.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ def line(
     x, _ = fit(first, rig_of(first, kind, lens, index), begin, free, states=states, steps=steps)
     rig = rig_of(others, kind, lens, index)
     cells = ""
-    for known in (False, True):
-        result = errors_of(others, rig, x, state_known=known)
+    for state_known in (False, True):
+        result = errors_of(others, rig, x, state_known=state_known)
         apart = np.nanmean(np.linalg.norm(result.sim - result.real, axis=-1))
         cells += f" {np.median(result.relative):7.3f} {apart:6.2f}"
     print(f"{name:46s} {len(free):3d}{cells} {time.perf_counter() - began:6.0f} s", flush=True)
@@ -76,7 +77,7 @@ def main() -> None:
     begin, steps = initial_unknowns(two[0]), given.steps
     still = {**dict.fromkeys((*DRAG, *REST), 0.0), **WITHOUT}
     if given.without:
-        whole = line("whole", *two, begin, ALL, 30, "10_stick")
+        complete = line("whole", *two, begin, ALL, 30, "10_stick")
         for name, gone in (
             ("drag", (*DRAG, *REST)),
             ("turn, offsets", REST),
@@ -85,32 +86,32 @@ def main() -> None:
             ("a base that gives way", GIVE),
             ("drift of the rest frame", DRIFT),
         ):
-            zero = replace(whole, **{name: WITHOUT.get(name, 0.0) for name in gone})
+            zero = replace(complete, **{name: WITHOUT.get(name, 0.0) for name in gone})
             if gone is PIVOT:
                 zero = replace(zero, pivot_mm=20.0)
             line(f"without {name}", *two, zero, tuple(n for n in ALL if n not in gone), steps)
-        line("frictionless press", *two, whole, ALL, steps, "50_none")
+        line("frictionless press", *two, complete, ALL, steps, "50_none")
         line(
             "without refraction",
             *two,
-            replace(whole, gel_mm=20.0, pin_length_mm=0.0),
+            replace(complete, gel_mm=20.0, pin_length_mm=0.0),
             tuple(n for n in ALL if n != "gel_mm"),
             steps,
             index=1.0,
         )
-        other = replace(whole, air_mm=10.0, gel_mm=15.0, focal_px=95.0)
+        other = replace(complete, air_mm=10.0, gel_mm=15.0, focal_px=95.0)
         line("pinhole with refraction", *two, other, ALL, steps, lens="pinhole")
         for length in (0.0, 1.0, 2.0):
             line(
                 f"pin length {length:g} mm",
                 *two,
-                replace(whole, pin_length_mm=length),
+                replace(complete, pin_length_mm=length),
                 tuple(n for n in ALL if n != "pin_length_mm"),
                 steps,
             )
         for kind in ("50_stick", "300_stick"):
-            line(f"dome {kind}", *two, whole, ALL, steps, kind)
-        line("fitted as if every press was dragged", *two, whole, ALL, steps, states=False)
+            line(f"dome {kind}", *two, complete, ALL, steps, kind)
+        line("fitted as if every press was dragged", *two, complete, ALL, steps, states=False)
         return
     pinhole = {"kind": "50_none", "lens": "pinhole", "index": 1.0}
     bare = replace(begin, air_mm=35.0, gel_mm=20.0, focal_px=370.6, pin_length_mm=1.5, **still)

@@ -1,12 +1,13 @@
-"""Train on one session of a skin, test on another day's: what drift costs.
+"""Train on one session of a skin and test on another day's, to measure the effect of drift.
 
     tactibench data import path/to/eflesh/20250316_155729_probe first ...     # docs/data.md
     tactibench data import path/to/eflesh/20250317_134149_probe second ...
     python benchmarks/skin_drift.py first second kernel pins
 
-The first session is divided by place: a fifth of its places tests, the rest trains. Of the second
-session the same test places are tested, so that no place was learned. The error at the depths of
-the second session is printed for both days.
+The first session is divided by place: a fifth of its places is for the test, a twelfth of the rest
+for validation, and all others for training. In the second session the same test places are tested,
+so that no place was learned. The error at the depths of the second session is printed for both
+days.
 """
 
 from __future__ import annotations
@@ -23,27 +24,30 @@ from tactibench.plugins.host import PluginHost
 from tactibench.run.reporter import NullProgress
 
 NEAR_MM = 0.5
-"""Presses of the first session count at most this far from the depths of the second."""
+"""Presses of the first session count where they are at most this far outside of the depths of the
+second."""
 
 
 def presses(recording: Recording, rows: list[int]) -> tuple[list[Frame], list[Contacts]]:
     scenes = [recording.scenes[row] for row in rows]
-    known = [scene for scene in scenes if scene is not None]
+    known_scenes = [scene for scene in scenes if scene is not None]
     frames = [
         Frame(recording.signal(row), float(row), scene.pose)
-        for row, scene in zip(rows, known, strict=True)
+        for row, scene in zip(rows, known_scenes, strict=True)
     ]
-    return frames, [true_contacts(scene, recording.dome_radius_mm or np.inf) for scene in known]
+    return frames, [
+        true_contacts(scene, recording.dome_radius_mm or np.inf) for scene in known_scenes
+    ]
 
 
 def errors(found: list[Contacts], truth: list[Contacts]) -> np.ndarray:
-    """(N, 3) absolute errors of x, y, depth, mm; NaN for a miss."""
+    """Return the (N, 3) absolute errors of x, y and depth, mm; NaN for a miss."""
     return np.array(
         [
-            np.abs([*(one.xy[0] - true.xy[0]), one.depth[0] - true.depth[0]])
-            if len(one)
+            np.abs([*(answer.xy[0] - true.xy[0]), answer.depth[0] - true.depth[0]])
+            if len(answer)
             else [np.nan] * 3
-            for one, true in zip(found, truth, strict=True)
+            for answer, true in zip(found, truth, strict=True)
         ]
     )
 
@@ -61,8 +65,8 @@ def main() -> None:
     def rows(recording: Recording, wanted: set[str]) -> list[int]:
         return [row for row, press in enumerate(recording.presses) if press in wanted]
 
-    known = [scene for scene in second.scenes if scene is not None]
-    low, high = (f(scene.pose.depth for scene in known) for f in (min, max))
+    second_scenes = [scene for scene in second.scenes if scene is not None]
+    low, high = (f(scene.pose.depth for scene in second_scenes) for f in (min, max))
     same_day = [
         row
         for row in rows(first, held)

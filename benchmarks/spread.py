@@ -1,12 +1,13 @@
-"""Fit what ``superpose`` says of its own errors where no training press shows several contacts.
+"""Fit the errors that ``superpose`` states where no training press shows several contacts.
 
     python benchmarks/spread.py [--presses 400] [--write]
 
-Presses of the nominal simulated tactip-127 with noise: the model learns from exp1's single presses
-and answers single ones that it did not see, and pairs and triples at random places and depths, 6.5
-mm apart or more (none of them a press of a protocol's test). Printed: the terms of ``Spread`` and
-how many truths lie in the 95 % ellipse and interval, on presses the terms were not fitted to.
-``--write`` replaces the terms that ship (plugins/tactibench_superpose/spread.json).
+All presses are of the nominal simulated tactip-127 with noise. The model learns from single presses
+of exp1. It answers single presses that it did not see, and pairs and triples at random places and
+depths, 6.5 mm apart or more (none of them a press of a protocol's test). Printed are the terms of
+``Spread``, and the share of truths in the 95 % ellipse and interval on presses to which the terms
+were not fitted. ``--write`` replaces the terms that ship
+(plugins/tactibench_superpose/spread.json).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from tactibench_superpose.spread import GROUPS, Spread
 
 APART_MM = 6.5
 LEARNED, HELD = 3600, 1000
-"""Presses of exp1's draw that are learned from, and those answered."""
+"""Numbers of presses of exp1's draw: those for training, and those that are answered."""
 
 
 def main() -> None:
@@ -54,7 +55,7 @@ def main() -> None:
             contacts = free_contacts(options.presses, count, rng, APART_MM)
             sets.append((pressed([scene_of(c) for c in contacts]), contacts))
     model = Superpose(ModelContext("contacts", spec.grid.grid(), spec.workspace.depth_max_mm))
-    truth = [Contacts.truth(one[:, :2], one[:, 2]) for one in alone[:LEARNED]]
+    truth = [Contacts.truth(contact[:, :2], contact[:, 2]) for contact in alone[:LEARNED]]
     model.fit(frames[:LEARNED], truth, validation=([], []), rng=rng, progress=_silent())
     spread = Spread(np.zeros((GROUPS, 2, 4)))
     for seen, contacts in sets:
@@ -78,7 +79,7 @@ def main() -> None:
 
 
 def _silent() -> SimpleNamespace:
-    """A Progress that shows nothing."""
+    """Return a Progress that shows nothing."""
     return SimpleNamespace(
         start=lambda epochs, steps: None,  # noqa: ARG005
         step=lambda loss: None,  # noqa: ARG005

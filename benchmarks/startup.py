@@ -1,9 +1,9 @@
-"""How long the command takes to say something: ``tactibench --help`` and ``tactibench list``.
+"""Measure how long ``tactibench --help`` and ``tactibench list`` take.
 
     python benchmarks/startup.py
 
-Prints the median and the smallest wall time of 15 fresh processes each, beside ``python -c pass``
-as the part that no program can avoid. Byte code is written by a first, uncounted call.
+Prints the median and the smallest wall time of 15 fresh processes each, beside ``python -c pass``,
+the time that no program can avoid. Byte code is written by a first call, which is not counted.
 """
 
 from __future__ import annotations

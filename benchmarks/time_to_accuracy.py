@@ -1,14 +1,14 @@
-"""Time that the recipes ``default`` and ``paper`` of the U-Net need to reach one error.
+"""Measure the time that the recipes ``default`` and ``paper`` of the U-Net need to reach one error.
 
     python benchmarks/time_to_accuracy.py [--presses 3600] [--target-mm 0.06] [--epochs-cap N]
 
 The error is that of exp1, the mean of |error| over x, y and depth, here of 200 presses that are not
-trained on; a frame without an answer counts as infinitely wrong. Both recipes are trained in one
-run on the same simulated presses, seeds and threads, one after the other, ``paper`` in eager
-float32; the time of each epoch includes its validation. The whole ``paper`` recipe takes a good
-half hour on two cores: ``--epochs-cap`` ends it early, and then its time is a lower bound. The last
-lines are the ratios of the two times, by the clock and by the processor's time, which other jobs on
-the machine disturb less. The encoder is ``hertz`` with its default decoder.
+in the training; with a frame without an answer it is infinite. Both recipes are trained in one run
+on the same simulated presses, seeds and threads, one after the other, ``paper`` in eager float32;
+the time of each epoch includes its validation. The complete ``paper`` recipe takes a good half hour
+on two cores: ``--epochs-cap`` ends it early, and then its time is a lower bound. The last lines are
+the ratios of the two times, by the clock and by the processor's time, which other jobs on the
+machine disturb less. The encoder is ``hertz`` with its default decoder.
 """
 
 from __future__ import annotations
@@ -28,14 +28,17 @@ from tactibench_unet.model import UNet
 
 
 class Reached(Exception):  # noqa: N818
-    """The validation error came down to the target."""
+    """Ends a training: the validation error is at the target, or the epoch at the cap."""
 
 
 class ScoredAsExp1(UNet):
-    """Watches the error that exp1 reports."""
+    """A U-Net whose validation error is the error of exp1."""
 
     def error_mm(self, found: Sequence[Answer | None], truth: Sequence[Answer]) -> float:
-        """Mean of |error| over x, y and depth of the best contact, mm."""
+        """Return the mean of |error| over x, y and depth of the best contacts, mm.
+
+        It is inf where a frame has no contact.
+        """
         if not all(map(len, found)):
             return float("inf")
         errors = [
@@ -82,7 +85,7 @@ class Watch:
 
 
 def presses(count: int, seed: int):
-    """Frames and truth of single presses, x and y in +-6.4 mm, depth 0.5 to 6 mm."""
+    """Return frames and truth of single presses, x and y in +-6.4 mm, depth 0.5 to 6 mm."""
     rng = np.random.default_rng(seed)
     values = rng.uniform([-6.4, -6.4, 0.5], [6.4, 6.4, 6.0], (count, 3))
     scenes = [Scene(Indenter.single(), Pose(x, y, depth=depth)) for x, y, depth in values]
@@ -92,7 +95,16 @@ def presses(count: int, seed: int):
 
 
 def measure(recipe: str, data, held_out, target_mm: float, cap: int | None, seed: int) -> Watch:
-    """Train one recipe until it reaches the target, its end or the cap."""
+    """Train one recipe until it reaches the target, its end or the cap.
+
+    Args:
+        recipe: Name of the recipe.
+        data: Frames and truth of the training.
+        held_out: Frames and truth of the validation.
+        target_mm: Error at which the training ends, mm.
+        cap: Number of epochs after which the training ends; None: those of the recipe.
+        seed: Seed of the training.
+    """
     grid = Grid.centred(64, 0.4)
     model = ScoredAsExp1(
         ModelContext("contacts", grid, 6.0, encoder=HertzGaussian()), recipe=recipe

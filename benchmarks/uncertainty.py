@@ -1,13 +1,14 @@
-"""How near the bound the answers of stored runs are, and whether their stated errors are honest.
+"""Compare errors of stored runs with the Cramer-Rao bound and with the errors that models state.
 
     python benchmarks/uncertainty.py runs/exp1-* runs/exp2-* runs/exp3-*
     python benchmarks/uncertainty.py NAME NAME --store runs       names in a store
 
-The presses are drawn again from the protocol, compared with the truth of the run, and the sensor of
-the run tells their Cramer-Rao bounds. A press of one contact is answered by the top-scored
-prediction without a gate; of several, the pairs inside the protocol's gate count, and the share
-that is missed stands beside them. Prints figures by number of contacts, then for runs that differ
-in their seed alone the verdict on the means. Exit code 1 when no model reaches some target.
+The presses are drawn again from the protocol and compared with the truth of the run; the sensor of
+the run gives their Cramer-Rao bounds. For a press of one contact, the prediction with the highest
+score counts, without a gate. For several contacts, the pairs inside the protocol's gate count, and
+the share that is missed is printed beside them. Prints figures by number of contacts, then the
+verdict on means over runs that differ only in their seed. Exit code 1 when no model reaches some
+target.
 """
 
 from __future__ import annotations
@@ -40,12 +41,12 @@ AXES = ("x", "y", "z")
 PERCENT = (50, 90, 95)
 DEPTH_MM = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 SPACING_MM = (6.25, 7.25, 8.25, 9.25, 10.25, 11.25, 12.25)
-"""Between the distances that the protocols press, so that none lies on an edge."""
+"""Edges of the bins: between the distances that the protocols press, so that none is on an edge."""
 NAMES = {1: "single", 2: "dual", 3: "triple"}
 BUDGET_S = 60.0
-"""For the bounds of one run; beyond it every n-th press is asked."""
+"""Time for the bounds of one run; where it is too short, only every n-th press has a bound."""
 FEWEST = 20
-"""Pairs in a bin that is judged."""
+"""Least number of pairs in a bin that is judged."""
 SINGLE, DUAL = 4.0, 6.0
 OVERALL, BIN = (0.92, 0.98), 0.85
 
@@ -63,20 +64,26 @@ LINES = (
 SEEDED = {"seed", "weights", "weights_hash", "predictions_hash", "stored", "commit", "machine"}
 """Parts of a run's identity that its seed changes, or that change no figure."""
 MEDIAN = 0.674490
-"""Of the size of a unit Gaussian."""
+"""Median of the absolute value of a unit Gaussian."""
 
 Figures = dict[str, float]
 Verdict = tuple[str, str, bool]
-"""What is asked (in equal words for all models), what was found, and whether that is enough."""
+"""Target (in the same words for all models), measured value, and whether it meets the target."""
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Pairs of a run with one number of contacts.
+    """Pairs of predicted and true contacts in the presses of a run with one number of contacts.
 
-    error, std, bound: (P, 3) mm of x, y, depth, predicted - true; nan where there is none.
-    depth, spacing: (P,) mm, true. missed: share of the true contacts. spurious: by frame.
+    Attributes:
+        error: (P, 3) errors of x, y and depth, predicted - true, mm.
+        std: (P, 3) standard deviations that the model states, mm; NaN where it states none.
+        bound: (P, 3) Cramer-Rao bounds, mm; NaN where they are not known.
+        depth: (P,) true depths, mm.
+        spacing: (P,) true distances to the nearest other contact, mm.
+        missed: Share of the true contacts that are missed.
+        spurious: Number of spurious contacts a frame.
     """
 
     error: FloatArray
@@ -89,7 +96,12 @@ class Table:
 
 
 def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene], Any]:
-    """The presses of a run, drawn again, and its sensor. Raises UserError for other presses."""
+    """Return the presses of a run, drawn again, and its sensor.
+
+    Raises:
+        UserError: The run has recorded frames, or was made of other presses than those that its
+            protocol draws now.
+    """
     spec = load_protocol(stored.record.protocol.id).spec
     spec = PluginHost().sensors[stored.record.sensor.name]
     if spec.needs_data:
@@ -119,32 +131,43 @@ def _same(one: Contacts, other: Contacts) -> bool:
 
 
 def bounds(sensor: Any, scenes: Sequence[Scene], truth: Sequence[Contacts]) -> list[FloatArray]:
-    """(K, 3) mm of every press; nan for those that are left out or of which nothing is known."""
+    """Return the (K, 3) bounds of every press, mm; NaN where they are left out or not known.
+
+    Args:
+        sensor: Sensor of the run.
+        scenes: Presses of the run.
+        truth: True contacts of every press.
+    """
     unknown = [np.full((len(true), 3), np.nan) for true in truth]
-    if sensor.bound(scenes[0]) is None:  # compiles what it computes with
+    if sensor.bound(scenes[0]) is None:  # the first call compiles
         print("bounds: the sensor knows none")
         return unknown
     began = time.perf_counter()
     tried = np.linspace(0, len(scenes) - 1, min(20, len(scenes))).astype(int)
-    known = {int(row): sensor.bound(scenes[row]) for row in tried}
+    bound = {int(row): sensor.bound(scenes[row]) for row in tried}
     each = (time.perf_counter() - began) / len(tried)
     step = max(1, int(np.ceil(each * len(scenes) / BUDGET_S)))
     for row in range(0, len(scenes), step):
-        known.setdefault(row, sensor.bound(scenes[row]))
+        bound.setdefault(row, sensor.bound(scenes[row]))
     took = time.perf_counter() - began
     print(
-        f"bounds: {len(known):,} of {len(scenes):,} presses, {took:.1f} s, {each * 1e3:.1f} ms each"
+        f"bounds: {len(bound):,} of {len(scenes):,} presses, {took:.1f} s, {each * 1e3:.1f} ms each"
     )
-    return [known.get(row, nothing) for row, nothing in enumerate(unknown)]
+    return [bound.get(row, nothing) for row, nothing in enumerate(unknown)]
 
 
 def tables(stored: StoredRun) -> dict[int, Table]:
-    """Pairs by number of true contacts. Raises UserError for a run that cannot be read."""
+    """Return number of true contacts -> pairs of a run.
+
+    Raises:
+        UserError: The run was answered with plates, has recorded frames, or was made of other
+            presses than those that its protocol draws now.
+    """
     arrays = stored.arrays("truth")
     if "xy" not in arrays:
         raise UserError(f"{stored.folder.name} was answered with plates; name runs of contacts.")
     truth = unpack_contacts(arrays)
-    found = unpack_contacts(stored.arrays("predictions"))
+    predictions = unpack_contacts(stored.arrays("predictions"))
     scenes, sensor = scenes_of(stored, truth)
     bound = bounds(sensor, scenes, truth)
     gate = load_protocol(stored.record.protocol.id).spec.test.gate_mm
@@ -154,7 +177,7 @@ def tables(stored: StoredRun) -> dict[int, Table]:
         out[count] = _table(
             Trials(
                 tuple(truth[row] for row in rows),
-                tuple(found[row] for row in rows),
+                tuple(predictions[row] for row in rows),
                 arrays["press"][rows],
                 ("all",) * len(rows),
                 gate=gate,
@@ -200,7 +223,7 @@ def _first(answer: Contacts) -> Contacts:
 
 
 def figures(table: Table) -> Figures:
-    """All figures of a table by name; those about std only where the model gives it."""
+    """Return all figures of a table by name; those about std only where the model states it."""
     out: Figures = {"missed": table.missed, "spurious": table.spurious, "pairs": len(table.error)}
     rmse, bias = uncertainty.over_bound(table.error, table.bound)
     for a, axis in enumerate(AXES):
@@ -231,16 +254,21 @@ def figures(table: Table) -> Figures:
 
 
 def _median(values: FloatArray) -> float:
-    """Of the finite values; nan without any."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan
+    """Return the median of the finite values; NaN where there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else np.nan
 
 
 def _bins(depth: FloatArray, near: FloatArray) -> Iterator[tuple[str, Mask]]:
-    """Name and members of all pairs together and of every bin that holds some."""
+    """Yield name and members of all pairs together, and of every bin that is not empty.
+
+    Args:
+        depth: (P,) true depths, mm.
+        near: (P,) true distances to the nearest other contact, mm.
+    """
     yield "all", np.ones(len(depth), dtype=np.bool_)
     for label, values, edges in (("depth", depth, DEPTH_MM), ("spacing", near, SPACING_MM)):
-        # The last edge belongs to the last bin: a tip is pressed exactly that deep.
+        # The last edge belongs to the last bin: tips are pressed exactly that deep.
         place = np.digitize(values.round(9), (*edges[:-1], np.nextafter(edges[-1], np.inf)))
         for k in np.unique(place[np.isfinite(values)]):
             low = f"{edges[k - 1]:g}" if k else ""
@@ -281,22 +309,28 @@ def _text(value: float, digits: int) -> str:
 
 
 def mean(of: Sequence[Figures]) -> Figures:
-    """Mean over runs of what all of them have."""
+    """Return the means over runs of the figures that all of them have."""
     return {
-        name: float(np.mean([one[name] for one in of]))
+        name: float(np.mean([run[name] for run in of]))
         for name in of[0]
-        if all(name in one for one in of)
+        if all(name in run for run in of)
     }
 
 
 def judge(regime: str, count: int, found: Figures) -> Iterator[Verdict]:
-    """Of every target that is about such a table; those on std only where the model gives it."""
+    """Yield a verdict on every target of such a table; targets of std only where it is stated.
+
+    Args:
+        regime: Regime of the training.
+        count: Number of true contacts.
+        found: Figures of the table.
+    """
     kind = NAMES.get(count, str(count))
     most = SINGLE if count == 1 else DUAL if (count, regime) == (2, "multiple") else None
     ratios = [found[f"rmse_over_bound {axis}"] for axis in AXES]
     if most is not None and not np.isnan(ratios).any():
-        told = " ".join(f"{axis} {ratio:.2f}" for axis, ratio in zip(AXES, ratios, strict=True))
-        yield f"{kind} rmse_over_bound <= {most:g}", told, max(ratios) <= most
+        measured = " ".join(f"{axis} {ratio:.2f}" for axis, ratio in zip(AXES, ratios, strict=True))
+        yield f"{kind} rmse_over_bound <= {most:g}", measured, max(ratios) <= most
     if "nll" not in found:
         return
     share, (low, high) = found["ellipse_95 all"], OVERALL
@@ -315,7 +349,7 @@ def _word(met: bool) -> str:
 
 
 def _but_seed(record: Record) -> str:
-    """What runs that differ in their seed alone have in common."""
+    """Return a digest of a run's identity that is equal for runs that differ only in their seed."""
     identity = {k: v for k, v in record.identity.json_values().items() if k not in SEEDED}
     return digest([record.model.identity, record.regime, identity])
 
@@ -333,15 +367,15 @@ def main() -> int:
         title = f"{record.protocol.id} {record.model.name} {record.regime}"
         for count, table in tables(stored).items():
             print(f"{title}, {NAMES.get(count, count)}")
-            found = figures(table)
-            show(found)
+            run_figures = figures(table)
+            show(run_figures)
             key = (_but_seed(record), title, record.regime, count)
-            groups.setdefault(key, []).append(found)
+            groups.setdefault(key, []).append(run_figures)
     print(f"\nmeans over seeds; bins of fewer than {FEWEST} pairs are shown and not judged")
     met: dict[str, bool] = {}
     for (_, title, regime, count), of in groups.items():
-        for asked_for, told, reached in judge(regime, count, mean(of)):
-            print(f"{_word(reached)}{title} ({len(of)}): {asked_for}: {told}")
+        for asked_for, measured, reached in judge(regime, count, mean(of)):
+            print(f"{_word(reached)}{title} ({len(of)}): {asked_for}: {measured}")
             target = f"{title.split()[0]} {regime}: {asked_for}"
             met[target] = met.get(target, False) or reached
     print("\nany of these models")

@@ -6,12 +6,13 @@
     python benchmarks/unseen_instances.py kernel --param sensor.instances=16 \\
         --protocols exp1 --shots 0 10 50 200 1000 --scratch 10 50 200 1000
 
-One run a protocol, model, instance and number of labelled presses, as `tactibench run PROTOCOL
---model MODEL --test sensor.instance=K --test shots=N`, but not timed; a run that is in the store is
-not made again. With --scratch the model is also trained on so many presses of each instance alone;
-it stops at the validation presses of that instance, which are not counted. Prints the mean over
-instances and, behind a slash, the worst. `in 95 %`: matched contacts inside the 95 % ellipse that
-the model states. `tactibench plot curve exp1 --new-sensor --store STORE` draws the same runs.
+There is one run for each protocol, model, instance and number of labelled presses, as `tactibench
+run PROTOCOL --model MODEL --test sensor.instance=K --test shots=N`, but not timed; a run that is in
+the store is not made again. With --scratch the model is also trained on so many presses of each
+instance alone; the validation presses of that instance, which are not counted, decide when it
+stops. Prints the mean over instances and, behind a slash, the worst. `in 95 %` is the share of
+matched contacts inside the 95 % ellipse that the model states. `tactibench plot curve exp1
+--new-sensor --store STORE` draws the same runs.
 """
 
 from __future__ import annotations
@@ -43,13 +44,22 @@ from tactibench.run.score import trials_of
 from tactibench.sweep.spec import read_choice
 
 INSTANCES = tuple(range(1, 9))
-"""0 is nominal, and trainings see 10 and more."""
+"""Instances of the test: 0 is the nominal sensor, and trainings see instances from 10 on."""
 ELLIPSE = "ellipse_95"
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A column. digits: printed. scale: of the value. least: whether the smallest is the worst."""
+    """A column of the table.
+
+    Attributes:
+        head: Head of the column.
+        metric: Name of the metric.
+        group: Group of the metric.
+        digits: Number of printed decimals.
+        scale: Factor on the value.
+        least: Whether the smallest value is the worst.
+    """
 
     head: str
     metric: str
@@ -74,7 +84,7 @@ FIGURES = {
 
 
 def main() -> None:
-    """Run what is not in the store, and print a table a protocol."""
+    """Make the runs that are not in the store, and print a table for each protocol."""
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0], formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -102,7 +112,7 @@ def main() -> None:
 
 
 def _requests(protocol: str, options: Any) -> Iterator[tuple[str, list[RunRequest]]]:
-    """Yield the label of a row and its runs, one an instance."""
+    """Yield the label of a row and its runs, one for each instance."""
     given = read_parameters(tuple(options.param))
     for text in options.models:
         choice = read_choice(text)
@@ -118,7 +128,7 @@ def _requests(protocol: str, options: Any) -> Iterator[tuple[str, list[RunReques
                     for k in options.instances
                 ],
             )
-        kept = {kind: values for kind, values in common.items() if kind != "sensor"}
+        others = {kind: values for kind, values in common.items() if kind != "sensor"}
         for presses in options.scratch:
             yield (
                 f"{text}, from scratch on {presses:,}",
@@ -126,7 +136,7 @@ def _requests(protocol: str, options: Any) -> Iterator[tuple[str, list[RunReques
                     RunRequest(
                         protocol,
                         choice.name,
-                        parameters={**kept, "sensor": {"instance": str(k)}},
+                        parameters={**others, "sensor": {"instance": str(k)}},
                         presses=presses,
                         **fixed,
                     )
@@ -147,15 +157,15 @@ def _run(request: RunRequest, host: PluginHost, store: Path) -> StoredRun:
 
 
 def _cells(runs: Sequence[StoredRun], figures: Iterable[Figure]) -> Iterator[str]:
-    """Yield mean and worst over the instances; the share in ellipses is made of the answers."""
+    """Yield mean and worst value over the instances, for each figure."""
     for figure in figures:
         values = [_value(run, figure) for run in runs]
-        known = [figure.scale * value for value in values if value is not None]
-        if len(known) < len(values):
+        scaled = [figure.scale * value for value in values if value is not None]
+        if len(scaled) < len(values):
             yield "n/a"
             continue
-        worst = min(known) if figure.least else max(known)
-        yield f"{fmean(known):.{figure.digits}f} / {worst:.{figure.digits}f}"
+        worst = min(scaled) if figure.least else max(scaled)
+        yield f"{fmean(scaled):.{figure.digits}f} / {worst:.{figure.digits}f}"
 
 
 def _value(run: StoredRun, figure: Figure) -> float | None:

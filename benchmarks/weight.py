@@ -1,6 +1,6 @@
-"""Measure how heavy the house is: what a run loads, lines, import cycles, language, start-up.
+"""Measure the size of the code: modules that a run loads, lines, import cycles, language, start-up.
 
-python benchmarks/weight.py              all but the long ones
+python benchmarks/weight.py              all measurements but the long ones
 python benchmarks/weight.py --run        with `run exp2 --model unet`, cold and again (minutes)
 python benchmarks/weight.py --tests      with the README's test command (minutes)
 python benchmarks/weight.py --list       name every offender instead of counting it
@@ -22,13 +22,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 QUESTIONS = ("What", "Of", "Who", "Which", "How", "Where", "Whether")
-"""First words of docstrings that are no sentences."""
+"""First words of docstrings that are not sentences."""
 PARTICIPLES = re.compile(
     r"(?:^|_)(?:answered|kept|tested|asked|opened|drawn|printed|chosen|sealed|ahead|still|silent|"
     r"known|inert|wanted|judged|guarded|released|committed|presses?able|cut|served|placed|found|"
     r"corrected|rendered|planned|packed|named|fitted|matched|generated|repeated|stored|pressed)$"
 )
-"""Last words of module and class names that are participles or adverbs, no nouns."""
+"""Last words of module and class names that are participles or adverbs instead of nouns."""
 LOADED = """
 import sys
 from pathlib import Path
@@ -61,7 +61,7 @@ def module_name(path: Path) -> str:
 
 
 def loaded_modules() -> list[tuple[str, int]]:
-    """Return modules and lines of the project that a quick U-Net run loads."""
+    """Return the modules of the project that a quick U-Net run loads, with their lines."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
             [sys.executable, "-c", LOADED, "run", "exp2", "--model", "unet", "--quick"],
@@ -77,12 +77,12 @@ def loaded_modules() -> list[tuple[str, int]]:
 
 
 def import_graph() -> dict[str, set[str]]:
-    """Return module -> modules of the project that it imports, inside functions, too."""
+    """Return module -> modules of the project that it imports, also inside functions."""
     modules = {module_name(path): path for path in sources("tactibench", "plugins")}
     graph: dict[str, set[str]] = {name: set() for name in modules}
     for name, path in modules.items():
         for module, names in _imports(ast.parse(path.read_text(encoding="utf-8"))):
-            for target in (f"{module}.{one}" for one in names):
+            for target in (f"{module}.{imported}" for imported in names):
                 graph[name].add(target if target in modules else module)
             if not names:
                 graph[name].add(module)
@@ -107,11 +107,11 @@ def packages_of(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     def package(name: str) -> str:
         return ".".join(name.split(".")[:2]) if name.startswith("tactibench.") else name
 
-    found: dict[str, set[str]] = {}
+    packages: dict[str, set[str]] = {}
     for name, targets in graph.items():
-        own = found.setdefault(package(name), set())
-        own |= {package(target) for target in targets} - {package(name), "tactibench"}
-    return found
+        imported = packages.setdefault(package(name), set())
+        imported |= {package(target) for target in targets} - {package(name), "tactibench"}
+    return packages
 
 
 def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
