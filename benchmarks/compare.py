@@ -47,8 +47,8 @@ def stored(store: Path, name: str, presses: int, noise: float, rng: np.random.Ge
     truth = pack_contacts([Contacts.truth([p[:2]], [p[2]]) for p in xyz])
     truth |= {"press": np.arange(presses).astype(str), "group": np.full(presses, "all")}
     predicted = pack_contacts([Contacts.truth([p[:2]], [p[2]]) for p in answers])
-    made = {name: {"none": np.empty(0)} for name in PARTS}
-    made |= {"truth": truth, "predictions": predicted}
+    parts = {name: {"none": np.empty(0)} for name in PARTS}
+    parts |= {"truth": truth, "predictions": predicted}
     record = {
         "schema": SCHEMA,
         "name": name,
@@ -80,7 +80,7 @@ def stored(store: Path, name: str, presses: int, noise: float, rng: np.random.Ge
         "data": {"test": presses},
         "signature": "",
     }
-    write_run(store, Record.model_validate(record), made)
+    write_run(store, Record.model_validate(record), parts)
 
 
 def seconds(arguments: list[str]) -> tuple[float, float]:

@@ -126,13 +126,13 @@ def read(dataset: Dataset, count: int, *, cached: bool) -> Seconds:
 
 
 def show(name: str, each: list[Seconds], others: list[Seconds] | None = None, of: str = "") -> None:
-    wall = statistics.median(one.wall for one in each)
+    wall = statistics.median(seconds.wall for seconds in each)
     line = (
-        f"{name:30}{1 / wall:9,.0f} /s [{1 / min(one.wall for one in each):9,.0f}]"
-        f"{1e6 * min(one.cpu for one in each):8,.0f} cpu us"
+        f"{name:30}{1 / wall:9,.0f} /s [{1 / min(seconds.wall for seconds in each):9,.0f}]"
+        f"{1e6 * min(seconds.cpu for seconds in each):8,.0f} cpu us"
     )
     if others is not None:
-        line += f"{statistics.median(one.wall for one in others) / wall:8.2f} x {of}"
+        line += f"{statistics.median(seconds.wall for seconds in others) / wall:8.2f} x {of}"
     print(line, flush=True)
 
 
@@ -144,21 +144,21 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()))
     asked = parser.parse_args()
-    several = drafts(asked.count, asked.size)
+    samples = drafts(asked.count, asked.size)
     with tempfile.TemporaryDirectory(dir=asked.folder) as place:
         folder = Path(place) / "set"
-        few = several[: max(1, asked.count // 10)]
+        few = samples[: max(1, asked.count // 10)]
         times: dict[str, list[Seconds]] = {}
         for _ in range(asked.rounds):  # in turn, so that a busy moment meets all of them
             for name, work in {
                 "encode": lambda: timed(lambda: [encode_png(d.image) for d in few], len(few)),
                 "fsync": lambda: bare_fsync(Path(place)),
                 "add": lambda: written(folder, asked.size, few, 1, fsync=True),
-                "add_many": lambda: written(folder, asked.size, several, asked.group, fsync=True),
-                "bulk": lambda: written(folder, asked.size, several, asked.group, fsync=False),
+                "add_many": lambda: written(folder, asked.size, samples, asked.group, fsync=True),
+                "bulk": lambda: written(folder, asked.size, samples, asked.group, fsync=False),
             }.items():
                 times.setdefault(name, []).append(work())
-        waits = [one.wall for one in times["fsync"]]
+        waits = [seconds.wall for seconds in times["fsync"]]
         print(
             f"{asked.count:,} frames of {asked.size}x{asked.size}, {os.cpu_count()} cores, "
             f"fsync of a small file {1e3 * statistics.median(waits):.2f} ms "

@@ -121,12 +121,12 @@ def timed(name: str, decode: Callable[[np.ndarray], Contacts], maps: np.ndarray)
 
 
 def show_speed(rng: np.random.Generator) -> None:
-    several = triples(rng, MAPS)
-    heat = noisy(rng, HertzGaussian().encode_batch(several, GRID), 0.015, 0.003)
+    contacts = triples(rng, MAPS)
+    heat = noisy(rng, HertzGaussian().encode_batch(contacts, GRID), 0.015, 0.003)
     slow = timed("skimage, hertz", by_skimage, heat)
     print()
     for name, encoder in ENCODERS.items():
-        truth = [c.top(1) for c in several] if name == "axes" else several
+        truth = [c.top(1) for c in contacts] if name == "axes" else contacts
         maps = noisy(rng, encoder.encode_batch(truth, GRID), 0.015, 0.003)
         quick = timed(name, lambda one, encoder=encoder: encoder.decode(one, GRID), maps)
 
@@ -162,7 +162,7 @@ def show_white_noise(rng: np.random.Generator) -> None:
         line = f"white noise 0.02: {name:21s} rms {rms:.3f} cells"
         if name != "axes":
             for other, decode in (("argmax", by_argmax), ("skimage", by_skimage)):
-                theirs = rms_cells([decode(one) for one in maps], truth)
+                theirs = rms_cells([decode(noisy_maps) for noisy_maps in maps], truth)
                 line += f"; {other} {theirs:.3f}, {theirs / rms:.1f} times as much"
         print(line)
 

@@ -98,8 +98,8 @@ def repeat(request: dict[str, Any]) -> dict[str, Hashes]:
         name = f"on {other} thread{'s' if other != '1' else ''}"
         times |= _finish({name: _begin(request, folder / name, other, frames_only=True)})
     return {
-        what: {time: hashes[what] for time, hashes in times.items() if what in hashes}
-        for what in times[ALONE]
+        result: {time: hashes[result] for time, hashes in times.items() if result in hashes}
+        for result in times[ALONE]
     }
 
 
@@ -154,12 +154,12 @@ def _finish(begun: dict[str, subprocess.Popen[str]]) -> dict[str, Hashes]:
 
 def print_table(model: str, found: dict[str, Hashes]) -> None:
     """Print a line for each result, and where bits differ a line for each time."""
-    for what, hashes in found.items():
+    for result, hashes in found.items():
         first, *others = hashes.values()
         if set(others) <= {first}:
-            print(f"{model:12} {what:20} the same {len(hashes)} times  {first[:FIGURES]}")
+            print(f"{model:12} {result:20} the same {len(hashes)} times  {first[:FIGURES]}")
             continue
-        print(f"{model:12} {what:20} NOT THE SAME")
+        print(f"{model:12} {result:20} NOT THE SAME")
         for time, digest in hashes.items():
             print(f"{'':33} {digest[:FIGURES]} {time}")
 

@@ -50,9 +50,9 @@ def batches(count: int) -> list[Tips]:
     yaw, depth = rng.uniform(0, np.pi, (count, 1)), rng.uniform(0.5, 4, (count, 1))
     away = 3.5 * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1) * np.array([[[-1.0], [1.0]]])
     xy = rng.uniform(-3, 3, (count, 1, 2)) + away
-    several = depth * np.concatenate([np.ones((count, 1)), rng.uniform(0.6, 1, (count, 1))], axis=1)
+    depths = depth * np.concatenate([np.ones((count, 1)), rng.uniform(0.6, 1, (count, 1))], axis=1)
     return [
-        Tips(xy[k : k + BATCH], several[k : k + BATCH], np.full(len(xy[k : k + BATCH]), 3.0))
+        Tips(xy[k : k + BATCH], depths[k : k + BATCH], np.full(len(xy[k : k + BATCH]), 3.0))
         for k in range(0, count, BATCH)
     ]
 
@@ -87,13 +87,13 @@ def main() -> None:
     for name in TIERS:
         tier = mechanics_for(name, tables)
         work = batches(asked.count)
-        single, several = (timed(tier, work, directions, n) for n in (1, asked.threads))
-        cheapest = cheapest or several.cpu
+        single, threaded = (timed(tier, work, directions, n) for n in (1, asked.threads))
+        cheapest = cheapest or threaded.cpu
         print(
             f"{name:11}{1 / single.median:12,.0f}{f'[{1 / single.best:,.0f}]':>10}"
-            f"{1 / several.median:17,.0f}{f'[{1 / several.best:,.0f}]':>10}"
-            f"{single.best / several.best:6.2f}{1e6 * several.cpu:9.1f}"
-            f"{several.cpu / cheapest:14.1f}",
+            f"{1 / threaded.median:17,.0f}{f'[{1 / threaded.best:,.0f}]':>10}"
+            f"{single.best / threaded.best:6.2f}{1e6 * threaded.cpu:9.1f}"
+            f"{threaded.cpu / cheapest:14.1f}",
             flush=True,
         )
 

@@ -113,16 +113,16 @@ def fit_tips(preset: Preset, kind: type[SimulatedTacTip], presses: Presses, fold
     square /= square.max()
     powers = np.stack([square**0, square, square**2], axis=1)
     for _ in range(4):
-        made = type(kind.__name__, (kind,), {"versions": (preset,)})
+        fitted_kind = type(kind.__name__, (kind,), {"versions": (preset,)})
         context = SensorContext(np.random.SeedSequence(0))
-        sensor = made(context, size=presses.side, output="bw", noise=False)
+        sensor = fitted_kind(context, size=presses.side, output="bw", noise=False)
         untouched = [Scene(PLATE, Pose())]
         at = places(sensor, untouched)[0]
         drawn = sensor.renderer.project(sensor.points(untouched))[2][0]
         seen = blob_radii(sensor.rest().image, at)
         per_mm = drawn / (preset.optics.marker_radius_mm * sensor.shares)
         order = pairs(at, presses.rest)
-        wanted = (drawn - seen)[order] + real  # a threshold adds the same to all sizes, nearly
+        wanted = (drawn - seen)[order] + real  # a threshold adds nearly the same to all sizes
         scaled = powers[order] * per_mm[order, None]
         radius, two, four = np.linalg.lstsq(scaled, wanted, rcond=None)[0]
         preset = replace(

@@ -86,8 +86,8 @@ def kinds(folder: Path) -> Iterator[Kind]:
         return opened.record.json_values(), _comparable(arrays)
 
     yield Kind("run", tuple(sorted(stored.folder.iterdir())), read_run)
-    kept = folder / "kept"
-    shutil.copytree(folder / "cache", kept)
+    backup = folder / "kept"
+    shutil.copytree(folder / "cache", backup)
 
     def read_cache() -> Any:
         record = run("again").record
@@ -95,18 +95,18 @@ def kinds(folder: Path) -> Iterator[Kind]:
 
     def restore_cache() -> None:
         shutil.rmtree(folder / "cache")
-        shutil.copytree(kept, folder / "cache")
+        shutil.copytree(backup, folder / "cache")
 
     for pattern in ("frames/*/*", "weights/*/*", "predictions/*.npz"):
         files = tuple(p for p in sorted((folder / "cache").glob(pattern)) if p.is_file())
         yield Kind(f"cache: {pattern.partition('/')[0]}", files, read_cache, restore_cache)
     index.SHORTEST = 4  # so that small data sets have an index, too
-    for what in ("images", "channels"):
-        place = folder / what
-        write_dataset(place, channels=what == "channels")
+    for signal_kind in ("images", "channels"):
+        place = folder / signal_kind
+        write_dataset(place, channels=signal_kind == "channels")
         open_dataset(place)
         files = tuple(p for p in sorted(place.rglob("*")) if p.is_file() and p.name != ".lock")
-        yield Kind(f"data set: {what}", files, lambda place=place: read_dataset(place))
+        yield Kind(f"data set: {signal_kind}", files, lambda place=place: read_dataset(place))
     source = Source(trusted_host(), folder / "frames")
     base = forged.base_file("plain")
     place = forged.forge(forged.Forgery("it", "plain", _seal), folder / "submitted")

@@ -118,8 +118,8 @@ def main() -> None:
     for kind in (TacTip127, TacTip331):
         for name in ("single", "dual"):
             for size in asked.sizes:
-                several = scenes(name, asked.count)
-                work = stages(kind, size, several, asked.threads)
+                presses = scenes(name, asked.count)
+                work = stages(kind, size, presses, asked.threads)
                 each = {s: timed(w, asked.rounds, asked.count) for s, w in work.items()}
                 print(
                     f"{kind.preset.name:11}{name:7}{size:4}"
@@ -128,9 +128,9 @@ def main() -> None:
                     f"{'':12}{rates(each['whole'], each['whole N'])}",
                     flush=True,
                 )
-    several = scenes("single", 200)
+    presses = scenes("single", 200)
     sensor = TacTip127(SensorContext(SEED))
-    seconds = timed(lambda: [sensor.bound(s) for s in several], 3, 200).median
+    seconds = timed(lambda: [sensor.bound(s) for s in presses], 3, 200).median
     print(f"bound, tactip-127, single: {1e3 * seconds:.2f} ms a scene")
 
 

@@ -104,7 +104,10 @@ def main() -> None:
         for number, (name, draw) in enumerate(GEOMETRIES.items()):
             rng = np.random.default_rng([options.draw, number])
             scenes = list(_scenes(draw, spec.workspace, options.presses, rng))
-            tests[name] = list(sensor.press_many(scenes)), [true_contacts(one) for one in scenes]
+            tests[name] = (
+                list(sensor.press_many(scenes)),
+                [true_contacts(scene) for scene in scenes],
+            )
     for text in options.models:
         choice = read_choice(text)
         models = [

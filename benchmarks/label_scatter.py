@@ -276,8 +276,8 @@ def intervals(
 
 def show_moves(found: Scatter, moved: Array, rest: Array, labels: Array) -> None:
     middle, shift = middle_of_spread(moved, rest), moved.mean(axis=1)
-    for name, which in (("shown", ~found.unmade), ("not shown", found.unmade)):
-        rows = which & found.turned & ~found.gross
+    for name, group in (("shown", ~found.unmade), ("not shown", found.unmade)):
+        rows = group & found.turned & ~found.gross
         _, tilt, side, turn = labels[rows].T
         follows = max(abs(np.corrcoef(axis, side)[0, 1]) for axis in shift[rows].T)
         plain, less = (direction_of(middle[rows], t)[1] for t in (tilt, tilt - turn))

@@ -76,9 +76,9 @@ def main() -> None:
         write_dataset(folder, asked.samples)
         size = (folder / JOURNAL).stat().st_size / 1e6
         print(f"{asked.samples:,} samples, journal of {size:,.0f} MB")
-        for what in ("first, without an index", "by the index"):
+        for way in ("first, without an index", "by the index"):
             seconds, peak = opened(folder)
-            print(f"{what:26}{seconds:7.1f} s of processor {peak:7,.0f} MB", flush=True)
+            print(f"{way:26}{seconds:7.1f} s of processor {peak:7,.0f} MB", flush=True)
         print(f"index of {(folder / INDEX).stat().st_size / 1e6:,.0f} MB")
 
 

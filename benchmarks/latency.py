@@ -107,16 +107,18 @@ def main() -> None:
     with limited_threads(1):
         scored = model.predict(frames[:3])
         truth = [Contacts.truth([[0, 0]], [1.0])] * 3  # random weights have no error to compare
-        found = compare_configurations(model, frames[:3], scored, truth, compiled=options.compile)
+        comparison = compare_configurations(
+            model, frames[:3], scored, truth, compiled=options.compile
+        )
     entries = {PLAIN: with_true_maps(plain(model), maps)}
-    entries |= {one.name: with_true_maps(one.stages, maps) for one in found.usable}
+    entries |= {one.name: with_true_maps(one.stages, maps) for one in comparison.usable}
     amx = "amx_bf16" in facts["cpu_flags"]
     weights = model.parameter_count()
     print(
         f"U-Net of width {options.width}, {weights:,} weights; {facts['cpu']}, AMX: "
         f"{'yes' if amx else 'no'}, torch {facts['torch']}"
     )
-    for name, reason in found.skipped.items():
+    for name, reason in comparison.skipped.items():
         print(f"left out: {name}: {reason if name != COMPILED else 'add --compile'}")
     chosen = ""
     for threads in counts:
@@ -134,7 +136,7 @@ def main() -> None:
                     clocks=Clocks(wall=clock),
                     budget_s=60,
                 )
-            chosen = chosen or fastest(found.usable, samples).name
+            chosen = chosen or fastest(comparison.usable, samples).name
             print(f"{threads} thread{'s' if threads > 1 else ''}, {clock_name}")
             ratios = {n: show(sample, n, samples[PLAIN]) for n, sample in samples.items()}
             print(

@@ -117,7 +117,7 @@ def main() -> None:
             start, end = (contacts, fitted) if name == "forward" else (fitted, contacts)
             given.append(start[used])
             wanted.append(end[used] - start[used])
-        # What a third contact takes off is read from the law of pairs, so that comes first.
+        # The effect of a third contact is read from the law of pairs, which therefore comes first.
         pairs = NeighbourLaw.learn(given[:1], wanted[:1], NeighbourLaw.none())
         laws[name] = NeighbourLaw.learn(given, wanted, pairs)
         for (contacts, fitted), label in zip(sets, ("pairs", "triples"), strict=True):

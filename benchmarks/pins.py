@@ -207,8 +207,8 @@ def _untouched() -> Scene:
 
 def show_graphs(label: str, xy: np.ndarray) -> None:
     pin_graph(xy[0])
-    ours = seconds(lambda: [pin_graph(one) for one in xy])
-    theirs = seconds(lambda: [Delaunay(one) for one in xy])
+    ours = seconds(lambda: [pin_graph(places) for places in xy])
+    theirs = seconds(lambda: [Delaunay(places) for places in xy])
     print(
         f"graph {label}: {len(xy) / ours:,.0f} graphs/s; scipy Delaunay alone "
         f"{len(xy) / theirs:,.0f}/s; ratio {theirs / ours:.1f}"

@@ -254,7 +254,7 @@ def read_all(stages: Sequence[Stage], frames: Sequence[Frame], batch: int) -> di
             not_finite += int(value.size - np.isfinite(value).sum())
         try:
             answers += stages[-1][1](value)
-        except (UserError, ValueError):  # readers and Contacts refuse what is not finite
+        except (UserError, ValueError):  # readers and Contacts refuse values that are not finite
             answers += [None] * count
             refused += count
     plates = [answer for answer in answers if isinstance(answer, PlatePose)]

@@ -136,8 +136,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--folder", type=Path, help="keep what is made here")
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as made:
-        folder = (asked.folder or Path(made)).resolve()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (asked.folder or Path(temporary)).resolve()
         if not (folder / "runs").is_dir():
             make(folder, asked.runs, np.random.default_rng(0))
         print(f"{asked.runs} runs of {', '.join(PROTOCOLS)}:")

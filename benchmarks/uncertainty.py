@@ -115,7 +115,7 @@ def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene]
     if digest(sensor.describe()) != digest(stored.record.identity.sensor["describe"]):
         print("note: the sensor is not quite the one of the run")
     again = [true_contacts(scene, pressed.workspace.dome_radius_mm) for scene in scenes]
-    if not all(_same(one, true) for one, true in zip(again, truth, strict=True)):
+    if not all(_same(contacts, true) for contacts, true in zip(again, truth, strict=True)):
         raise UserError(
             f"{stored.folder.name} was not made of the presses that its protocol draws now; "
             "run the protocol again."
@@ -205,7 +205,7 @@ def _table(trials: Trials, bound: Sequence[FloatArray], count: int) -> Table:
         np.full(3, np.nan) if (std := trials.predictions[i].std) is None else std[j]
         for i, j in zip(pairs.trial, pairs.prediction, strict=True)
     ]
-    near = [uncertainty.spacing(one.xy) for one in trials.truth]
+    near = [uncertainty.spacing(contacts.xy) for contacts in trials.truth]
     return Table(
         error,
         np.array(stated).reshape(-1, 3),

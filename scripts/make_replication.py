@@ -75,8 +75,8 @@ class Board:
         self.protocol = protocol
         version = load_protocol(protocol)
         records = records_of_version(read_submissions(BOARD, protocol), version)
-        nominal = [one for one in sections_of(records) if one.kind == NOMINAL]
-        self.rows = next((one.rows for one in nominal if one.origin == "simulated"), ())
+        nominal = [section for section in sections_of(records) if section.kind == NOMINAL]
+        self.rows = next((section.rows for section in nominal if section.origin == "simulated"), ())
         self.published = [
             row
             for paper in load_published(version.spec.published.tables, BOARD / "published")

@@ -38,7 +38,7 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:  # noqa: ARG001
     """Point links that leave or enter docs/ to the place of their page in the site."""
     source = Path(str(page.file.abs_src_path)).resolve()
-    here = posixpath.dirname(page.file.src_uri) or "."
+    folder = posixpath.dirname(page.file.src_uri) or "."
 
     def moved(match: re.Match[str]) -> str:
         before, link, place = match[1], match[2], match[3] or ""
@@ -46,7 +46,7 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
             return match[0]
         target = (source.parent / link).resolve()
         found = _site_name(target)
-        return match[0] if found is None else f"{before}{_relative(found, here)}{place}"
+        return match[0] if found is None else f"{before}{_relative(found, folder)}{place}"
 
     return _LINK.sub(moved, markdown)
 

@@ -97,8 +97,8 @@ class AxisymmetricPress:
         form = ngs.BilinearForm(self.space, symmetric=True)
         for (material, young), pressure in zip(moduli.items(), pressures, strict=True):
             stored = self.stored(young, u, pressure) * ngs.x
-            here = ngs.dx(definedon=self.mesh.Materials(material))
-            form += ngs.Variation(stored.Compile() * here)
+            volume = ngs.dx(definedon=self.mesh.Materials(material))
+            form += ngs.Variation(stored.Compile() * volume)
         surface = ngs.ds(definedon=self.mesh.Boundaries("outer"))
         push = contact_energy(self.inside(u), self.penalty) * ngs.x
         form += ngs.Variation(push.Compile() * surface)

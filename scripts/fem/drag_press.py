@@ -98,9 +98,9 @@ class Drag:
         for (material, young), pressure in zip(press.dome.moduli.items(), pressures, strict=True):
             stored = density(young, *spatial_strain(u), pressure)
             soft = stored - _SOFT / (2 * young) * pressure * pressure
-            here = ngs.dx(definedon=press.mesh.Materials(material))
+            volume = ngs.dx(definedon=press.mesh.Materials(material))
             for form, energy in zip(forms, (stored, soft), strict=True):
-                form += ngs.Variation(energy.Compile() * here)
+                form += ngs.Variation(energy.Compile() * volume)
         for form in forms:
             for term in self._contacts(u):
                 form += term
@@ -116,7 +116,7 @@ class Drag:
         for tip, depth in zip(press.tips, press.depths, strict=True):
             pushed = rounded_energy(tip.inside(moved, float(depth)), tip.cushion)
             held = self._friction_energy(tip, float(depth), slip)
-            terms += [ngs.Variation(one.Compile() * skin) for one in (pushed, held)]
+            terms += [ngs.Variation(term.Compile() * skin) for term in (pushed, held)]
         return terms
 
     def _friction_energy(self, tip: Tip, depth: float, slip: list[Any]) -> Any:

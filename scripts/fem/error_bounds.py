@@ -213,7 +213,7 @@ def _coefficients(scenes: Sequence[Measured]) -> Array:
 
 
 def _terms(scenes: Sequence[Measured]) -> Array:
-    n, delta = np.stack([one.n for one in scenes]), np.stack([one.delta for one in scenes])
+    n, delta = np.stack([scene.n for scene in scenes]), np.stack([scene.delta for scene in scenes])
     return envelope_terms(n, np.maximum(delta, 0.0))
 
 

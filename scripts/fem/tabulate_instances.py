@@ -95,10 +95,10 @@ def change(name: str, values: Array, nominal: Array) -> npt.NDArray[Any]:
     added: Array = values - nominal[::EVERY]
     if name == "force":
         return added
-    whole: Array = np.rint(added[:, ::EVERY] / QUANTUM)
-    if abs(whole).max() > np.iinfo(np.int16).max:
+    multiples: Array = np.rint(added[:, ::EVERY] / QUANTUM)
+    if abs(multiples).max() > np.iinfo(np.int16).max:
         raise ValueError(f"{name} differs by {abs(added).max():g}, more than fits")
-    return whole.astype(np.int16)
+    return multiples.astype(np.int16)
 
 
 def main() -> None:

@@ -14,19 +14,19 @@ def lines(root: Path) -> list[str]:
     """Return the lines of the page."""
     module = Module.read(root / "tactibench" / "api.py")
     public = {name: node for name, node in module.nodes.items() if not name.startswith("_")}
-    made = ["# Python", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
-    made += ["A notebook that uses all of it: [docs/api.ipynb](../api.ipynb).", "", "## Functions"]
+    page = ["# Python", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
+    page += ["A notebook that uses all of it: [docs/api.ipynb](../api.ipynb).", "", "## Functions"]
     functions = {n: one for n, one in public.items() if isinstance(one, ast.FunctionDef)}
     for name, node in functions.items():
-        made += [*_heading(name, node.args.args), *fenced(signature(node))]
-        made += [*prose(ast.get_docstring(node)), ""]
-    made += ["## Results", ""]
+        page += [*_heading(name, node.args.args), *fenced(signature(node))]
+        page += [*prose(ast.get_docstring(node)), ""]
+    page += ["## Results", ""]
     for name, node in public.items():
         if isinstance(node, ast.ClassDef):
-            made += [f"### `{name}`", "", *prose(ast.get_docstring(node)), ""]
-            made += fenced(outline(node))
-    return made
+            page += [f"### `{name}`", "", *prose(ast.get_docstring(node)), ""]
+            page += fenced(outline(node))
+    return page
 
 
 def _heading(name: str, arguments: list[ast.arg]) -> Iterator[str]:
-    yield from ["", f"### `{name}({', '.join(one.arg for one in arguments)})`", ""]
+    yield from ["", f"### `{name}({', '.join(argument.arg for argument in arguments)})`", ""]

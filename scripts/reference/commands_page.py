@@ -25,8 +25,8 @@ def lines(root: Path) -> list[str]:
     Raises:
         UserError: A plugin of this repository or one of its commands does not load.
     """
-    found = commands(root)
-    made = [
+    verbs = commands(root)
+    page = [
         "# Commands",
         "",
         f"`{PROGRAM} VERB`. Exit code 0; 1 where a verb says so; {MISTAKE} "
@@ -37,13 +37,13 @@ def lines(root: Path) -> list[str]:
     ]
     rows = [
         [f"[`{name}`](#{anchor(f'{PROGRAM} {name}')})", cell(summary)]
-        for name, (_, summary) in found.items()
+        for name, (_, summary) in verbs.items()
     ]
-    made += grid(["verb", "what"], rows)
-    made += _options([main])
-    for name, (command, _) in found.items():
-        made += _section(f"{PROGRAM} {name}", command, level=2)
-    return made
+    page += grid(["verb", "what"], rows)
+    page += _options([main])
+    for name, (command, _) in verbs.items():
+        page += _section(f"{PROGRAM} {name}", command, level=2)
+    return page
 
 
 def commands(root: Path) -> dict[str, tuple[click.Command, str]]:
@@ -55,13 +55,13 @@ def commands(root: Path) -> dict[str, tuple[click.Command, str]]:
     Raises:
         UserError: A plugin of this repository or one of its commands does not load.
     """
-    found = {name: (_verb(main, name), summary) for name, (_, summary) in VERBS.items()}
+    verbs = {name: (_verb(main, name), summary) for name, (_, summary) in VERBS.items()}
     host = shipped_plugins(root)
     for problem in host.problems:
         raise UserError(f"plugin {problem.origin.plugin!r}: {problem.message}; mend it first.")
     for spec in host.commands:
-        found[spec.name] = spec.load(), spec.summary
-    return dict(sorted(found.items()))
+        verbs[spec.name] = spec.load(), spec.summary
+    return dict(sorted(verbs.items()))
 
 
 def _verb(group: click.Group, name: str) -> click.Command:
@@ -139,14 +139,14 @@ def _value(option: click.Option) -> str:
 
 def _help(option: click.Option) -> str:
     """Return the help, the range of a number, and the default where it is a plain value."""
-    said = [option.help or ""]
+    sentences = [option.help or ""]
     kind = option.type
     if isinstance(kind, click.IntRange | click.FloatRange):
         low, high = ("" if end is None else f"{end:g}" for end in (kind.min, kind.max))
-        said.append(f"{low}..{high}." if low and high else f"At least {low}." if low else "")
+        sentences.append(f"{low}..{high}." if low and high else f"At least {low}." if low else "")
     default = option.default
     if isinstance(default, str | int | float | Path) and default not in ("", False, True):
-        said.append(f"Default: `{default}`.")
+        sentences.append(f"Default: `{default}`.")
     if option.required:
-        said.append("Required.")
-    return " ".join(filter(None, said))
+        sentences.append("Required.")
+    return " ".join(filter(None, sentences))

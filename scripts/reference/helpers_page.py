@@ -24,7 +24,7 @@ _IMPORT = re.compile(r"^from \.([\w.]+) import (\w+) as \w+$", re.MULTILINE)
 
 def lines(root: Path) -> list[str]:
     """Return the lines of the page."""
-    made = [
+    page = [
         "# Helpers for authors",
         "",
         "A plugin may import these names, and those of [hooks and base classes](hooks.md). "
@@ -33,13 +33,13 @@ def lines(root: Path) -> list[str]:
         "",
     ]
     for package, summary in PACKAGES.items():
-        made += [f"## {package}", "", summary, ""]
+        page += [f"## {package}", "", summary, ""]
         folder = root.joinpath(*package.split("."))
         stub = (folder / "__init__.pyi").read_text(encoding="utf-8")
         for module, name in _IMPORT.findall(stub):
             if f"{package}.{module}" not in _ELSEWHERE:
-                made += _entry(folder.joinpath(*module.split(".")), package, name)
-    return made
+                page += _entry(folder.joinpath(*module.split(".")), package, name)
+    return page
 
 
 def _entry(path: Path, package: str, name: str) -> Iterator[str]:

@@ -29,11 +29,11 @@ def lines(root: Path) -> list[str]:
     """
     written = Module.read(root / "tactibench" / "plugins" / "hookspecs.py")
     shown = Module.read(root / EXAMPLE / "hooks.py")
-    made = ["# Hooks", "", *_opening()]
+    page = ["# Hooks", "", *_opening()]
     for hook in HOOKS:
-        made += _hook(root, hook, written, shown)
-    made += ["## Parameters", "", *prose(Parameter.__doc__), *_fields(Parameter)]
-    return [*made, *_base_classes(Module.read(root / "tactibench" / "plugins" / "base.py"))]
+        page += _hook(root, hook, written, shown)
+    page += ["## Parameters", "", *prose(Parameter.__doc__), *_fields(Parameter)]
+    return [*page, *_base_classes(Module.read(root / "tactibench" / "plugins" / "base.py"))]
 
 
 def _opening() -> Iterator[str]:

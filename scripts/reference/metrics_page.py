@@ -34,14 +34,14 @@ def lines(root: Path) -> list[str]:
     asked = shipped()
     groups = {name: _groups(root, name) for name in asked}
     where = {name: [p for p, names in asked.items() if name in names] for name in FAMILIES}
-    made = ["# Metrics", "", *keys.words["pages"]["metrics"].strip().splitlines(), ""]
+    page = ["# Metrics", "", *keys.words["pages"]["metrics"].strip().splitlines(), ""]
     for title, used in ((IN_RECORDS, True), (OWN, False)):
         specs = [spec for spec in all_metrics().values() if bool(where[spec.name]) is used]
-        made += [f"## {title}", ""] if specs else []
-        made += _table(specs)
+        page += [f"## {title}", ""] if specs else []
+        page += _table(specs)
         for spec in specs:
-            made += _metric(spec, _asked(spec.name, where[spec.name], groups), keys)
-    return made
+            page += _metric(spec, _asked(spec.name, where[spec.name], groups), keys)
+    return page
 
 
 def shipped() -> dict[str, tuple[str, ...]]:
@@ -78,17 +78,19 @@ def _table(specs: Iterable[MetricSpec]) -> list[str]:
 
 
 def _asked(name: str, protocols: list[str], groups: Mapping[str, Mapping[str, list[str]]]) -> str:
-    said = []
+    texts = []
     for protocol in protocols:
         of = groups[protocol].get(name, [])
         shown = of if len(of) <= 4 else [of[0], "...", *of[-2:]]
-        said.append(f"`{protocol}`{f' ({chr(44).join(shown)})' if of else ''}".replace(",", ", "))
-    return ", ".join(said)
+        texts.append(f"`{protocol}`{f' ({chr(44).join(shown)})' if of else ''}".replace(",", ", "))
+    return ", ".join(texts)
 
 
 def _metric(spec: MetricSpec, asked: str, keys: Keys) -> list[str]:
     kinds = [
-        word for word, made in (("contacts", spec.contacts), ("plate poses", spec.plates)) if made
+        word
+        for word, possible in (("contacts", spec.contacts), ("plate poses", spec.plates))
+        if possible
     ]
     mean = (spec.sample or spec.plate_sample) and not spec.root
     family = f"tactibench/metrics/{FAMILIES[spec.name]}.py"

@@ -35,13 +35,13 @@ def lines(_root: Path) -> list[str]:
     """
     keys = Keys.read()
     pages = keys.words["pages"]
-    made = ["# Schemas", "", *pages["schemas"].strip().splitlines(), ""]
+    page = ["# Schemas", "", *pages["schemas"].strip().splitlines(), ""]
     for name, (title, kind) in FILES.items():
-        made += [f"## {title}", "", *pages.get(name, "").strip().splitlines()]
-        made += _objects(name, TypeAdapter(kind).json_schema(by_alias=True), keys)
+        page += [f"## {title}", "", *pages.get(name, "").strip().splitlines()]
+        page += _objects(name, TypeAdapter(kind).json_schema(by_alias=True), keys)
         for following in pages.get("after", {}).get(name, ()):
-            made += [*pages[following].strip().splitlines(), ""]
-    return made
+            page += [*pages[following].strip().splitlines(), ""]
+    return page
 
 
 def _objects(name: str, schema: Schema, keys: Keys) -> Iterator[str]:
@@ -129,7 +129,7 @@ def _words(of: Schema, root: Schema) -> str:
 
 def _array(of: Schema, root: Schema) -> str:
     if "prefixItems" in of:
-        return f"[{', '.join(_words(one, root) for one in of['prefixItems'])}]".replace(
+        return f"[{', '.join(_words(item, root) for item in of['prefixItems'])}]".replace(
             "[", "\\[", 1
         )
     least = of.get("minItems")
@@ -138,7 +138,7 @@ def _array(of: Schema, root: Schema) -> str:
 
 def _limits(of: Schema) -> str:
     signs = {"exclusiveMinimum": "> ", "minimum": ">= ", "exclusiveMaximum": "< ", "maximum": "<= "}
-    said = [f"{sign}{of[key]:,}" for key, sign in signs.items() if key in of]
+    limits = [f"{sign}{of[key]:,}" for key, sign in signs.items() if key in of]
     if "pattern" in of:
-        said.append(f"matching `{of['pattern']}`")
-    return f" ({', '.join(said)})".replace("<", "&lt;") if said else ""
+        limits.append(f"matching `{of['pattern']}`")
+    return f" ({', '.join(limits)})".replace("<", "&lt;") if limits else ""

@@ -81,10 +81,10 @@ def anchor(heading: str) -> str:
 
 def single_spaced(lines: Iterable[str]) -> list[str]:
     """Return lines with at most one blank line in a row outside fences, and none at the end."""
-    kept: list[str] = []
+    result: list[str] = []
     inside = False
     for line in lines:
         inside ^= line.startswith("```")
-        if line or inside or kept[-1]:
-            kept.append(line)
-    return kept if kept[-1] else kept[:-1]
+        if line or inside or result[-1]:
+            result.append(line)
+    return result if result[-1] else result[:-1]
