@@ -39,10 +39,10 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     rng = np.random.default_rng(20260102)
-    spec = load_protocol("exp1").spec
+    protocol = load_protocol("exp1").spec
     spec = PluginHost().sensors["tactip-127"]
     sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
-    scenes = list(draw_scenes(spec, "singles").scenes[: LEARNED + HELD])
+    scenes = list(draw_scenes(protocol, "singles").scenes[: LEARNED + HELD])
     alone = np.array([[[s.pose.x, s.pose.y, s.pose.depth]] for s in scenes])
     with sensor:
 
@@ -54,7 +54,9 @@ def main() -> None:
         for count in range(2, GROUPS + 1):
             contacts = free_contacts(options.presses, count, rng, APART_MM)
             sets.append((pressed([scene_of(c) for c in contacts]), contacts))
-    model = Superpose(ModelContext("contacts", spec.grid.grid(), spec.workspace.depth_max_mm))
+    model = Superpose(
+        ModelContext("contacts", protocol.grid.grid(), protocol.workspace.depth_max_mm)
+    )
     truth = [Contacts.truth(contact[:, :2], contact[:, 2]) for contact in alone[:LEARNED]]
     model.fit(frames[:LEARNED], truth, validation=([], []), rng=rng, progress=_silent())
     spread = Spread(np.zeros((GROUPS, 2, 4)))

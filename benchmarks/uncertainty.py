@@ -102,13 +102,13 @@ def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene]
         UserError: The run has recorded frames, or was made of other presses than those that its
             protocol draws now.
     """
-    spec = load_protocol(stored.record.protocol.id).spec
+    protocol = load_protocol(stored.record.protocol.id).spec
     spec = PluginHost().sensors[stored.record.sensor.name]
     if spec.needs_data:
         raise UserError(f"{stored.folder.name} has recorded frames, of which nobody knows a bound.")
     given = {name: str(value) for name, value in stored.record.sensor.parameters.items()}
     sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings(given))
-    pressed = pressable(spec, sensor)
+    pressed = pressable(protocol, sensor)
     names = [str(name).rpartition("-") for name in stored.arrays("truth")["press"]]
     draws = {name: draw_scenes(pressed, name).scenes for name in {draw for draw, _, _ in names}}
     scenes = [draws[draw][int(row)] for draw, _, row in names]
