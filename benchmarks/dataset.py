@@ -148,15 +148,17 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=asked.folder) as place:
         folder = Path(place) / "set"
         few = samples[: max(1, asked.count // 10)]
+        pictures = [np.asarray(draft.signal, dtype=np.uint8) for draft in few]
+        works: dict[str, Callable[[], Seconds]] = {
+            "encode": lambda: timed(lambda: [encode_png(p) for p in pictures], len(pictures)),
+            "fsync": lambda: bare_fsync(Path(place)),
+            "add": lambda: written(folder, asked.size, few, 1, fsync=True),
+            "add_many": lambda: written(folder, asked.size, samples, asked.group, fsync=True),
+            "bulk": lambda: written(folder, asked.size, samples, asked.group, fsync=False),
+        }
         times: dict[str, list[Seconds]] = {}
         for _ in range(asked.rounds):  # in turn, so that a busy moment meets all of them
-            for name, work in {
-                "encode": lambda: timed(lambda: [encode_png(d.image) for d in few], len(few)),
-                "fsync": lambda: bare_fsync(Path(place)),
-                "add": lambda: written(folder, asked.size, few, 1, fsync=True),
-                "add_many": lambda: written(folder, asked.size, samples, asked.group, fsync=True),
-                "bulk": lambda: written(folder, asked.size, samples, asked.group, fsync=False),
-            }.items():
+            for name, work in works.items():
                 times.setdefault(name, []).append(work())
         waits = [seconds.wall for seconds in times["fsync"]]
         print(

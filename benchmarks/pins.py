@@ -30,7 +30,9 @@ import argparse
 import csv
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -41,6 +43,8 @@ from scipy.spatial.distance import cdist
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.markers import Tracker, Tracks, pin_graph, rest_layout
 from tactibench.plugins.host import PluginHost
+from tactibench_sim.optics.renderer import Renderer
+from tactibench_sim.rendered_sensor import RenderedSensor
 
 DATA = Path(
     os.environ.get(
@@ -50,12 +54,22 @@ DATA = Path(
 )
 BLOCK = 50
 LOST_PX = 0.5
+Result = TypeVar("Result")
 
 
-def seconds(work: Callable[[], object]) -> float:
+def timed(work: Callable[[], Result]) -> tuple[Result, float]:
+    """Return what a function returns, and its processor time, s."""
     start = time.thread_time()
-    work()
-    return time.thread_time() - start
+    result = work()
+    return result, time.thread_time() - start
+
+
+def gray(path: Path) -> np.ndarray:
+    """Return the (H, W) uint8 picture of a file."""
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise SystemExit(f"{path} is no picture that can be read.")
+    return np.asarray(image, dtype=np.uint8)
 
 
 def hungarian(images: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -92,7 +106,7 @@ def roughness(tracks: Tracks, rest: np.ndarray) -> np.ndarray:
     moved = tracks.xy - rest
     off = moved - np.einsum("pk,npkc->npc", plane, moved[:, near])
     pitches = np.linalg.norm(off, axis=-1) / apart[:, :4].mean(axis=1)
-    return np.where(tracks.seen, pitches, 0.0).max(axis=1)
+    return np.asarray(np.where(tracks.seen, pitches, 0.0).max(axis=1))
 
 
 def show_real(pins: str, every: int) -> np.ndarray | None:
@@ -102,18 +116,18 @@ def show_real(pins: str, every: int) -> np.ndarray | None:
         return None
     with (folder / "targets.csv").open(newline="") as table:
         names = [row["image_name"] for row in csv.DictReader(table)][::every]
-    rest = cv2.imread(str(folder / "frames_bw" / "init_0.png"), cv2.IMREAD_GRAYSCALE)
+    rest = gray(folder / "frames_bw" / "init_0.png")
     tracker = Tracker(rest, refine="centroid")
     ours = theirs = 0.0
     parts = []
     tracker.track(rest[None])
     for start in range(0, len(names), BLOCK):
         block = names[start : start + BLOCK]
-        images = np.stack(
-            [cv2.imread(str(folder / "frames_bw" / n), cv2.IMREAD_GRAYSCALE) for n in block]
-        )
-        ours += seconds(lambda images=images: parts.append(tracker.track(images)))
-        theirs += seconds(lambda images=images: hungarian(images, tracker.rest))
+        images = np.stack([gray(folder / "frames_bw" / name) for name in block])
+        found, spent = timed(partial(tracker.track, images))
+        parts.append(found)
+        ours += spent
+        theirs += timed(partial(hungarian, images, tracker.rest))[1]
     tracks = Tracks(*(np.concatenate([getattr(p, n) for p in parts]) for n in vars(parts[0])))
     rough = roughness(tracks, tracker.rest)
     covered = np.isfinite(tracks.xy).all(axis=(1, 2)).mean()
@@ -148,7 +162,7 @@ def scenes(rng: np.random.Generator, count: int) -> list[Scene]:
     return out
 
 
-def limit(renderer: object, discs: np.ndarray) -> float:
+def limit(renderer: Renderer, discs: np.ndarray) -> float:
     """Return the Cramer-Rao limit of one frame: rms over all pins, px an axis.
 
     The x, y and radius of every pin are unknown.
@@ -157,7 +171,7 @@ def limit(renderer: object, discs: np.ndarray) -> float:
         renderer: Renderer of the sensor.
         discs: (P, 3) x, y and radius of the pins, px.
     """
-    clean = renderer.splatted(*discs.T[:, None])[0]
+    clean = renderer.clean_discs(*discs.T[:, None])[0]
     weight = 1 / np.sqrt(renderer.variance(clean).ravel())
     step = 1e-3
     jacobian = np.empty((discs.size, clean.size), dtype=np.float32)
@@ -165,7 +179,7 @@ def limit(renderer: object, discs: np.ndarray) -> float:
         ahead, behind = discs.copy(), discs.copy()
         ahead.flat[k] += step
         behind.flat[k] -= step
-        pair = [renderer.splatted(*d.T[:, None])[0].ravel() for d in (ahead, behind)]
+        pair = [renderer.clean_discs(*d.T[:, None])[0].ravel() for d in (ahead, behind)]
         jacobian[k] = (pair[0] - pair[1]) / (2 * step) * weight
     spread = np.diag(np.linalg.inv((jacobian @ jacobian.T).astype(np.float64)))
     return float(np.sqrt(np.mean(spread.reshape(-1, 3)[:, :2])))
@@ -173,6 +187,7 @@ def limit(renderer: object, discs: np.ndarray) -> float:
 
 def show_simulated(host: PluginHost, name: str, count: int) -> None:
     sensor = host.sensors[name].load()(SensorContext(np.random.SeedSequence(7)))
+    assert isinstance(sensor, RenderedSensor)  # noqa: S101 - both are simulated
     drawn = scenes(np.random.default_rng(11), count)
     images = np.stack([frame.image for frame in sensor.press_many(drawn)])
     discs = np.stack(sensor.renderer.project(sensor.points(drawn)), axis=-1)
@@ -181,11 +196,10 @@ def show_simulated(host: PluginHost, name: str, count: int) -> None:
     for refine in ("profile", "centroid"):
         tracker = Tracker(rest, refine=refine)
         tracker.track(images[:1])
-        taken: list[Tracks] = []
-        spent = seconds(lambda tracker=tracker, taken=taken: taken.append(tracker.track(images)))
+        tracks, spent = timed(partial(tracker.track, images))
         still = np.stack(sensor.renderer.project(sensor.points([_untouched()])), axis=-1)[0, :, :2]
         order = cKDTree(tracker.rest).query(still)[1]
-        error = taken[0].xy[:, order] - true
+        error = tracks.xy[:, order] - true
         near = np.linalg.norm(error, axis=-1) < LOST_PX
         tracked = error[near]
         phase = np.floor(10 * (true[near] % 1)).astype(int)
@@ -195,7 +209,7 @@ def show_simulated(host: PluginHost, name: str, count: int) -> None:
             f"{name} {refine}: rms {np.sqrt(np.mean(tracked**2)):.4f} px, median |e| "
             f"{np.median(np.abs(tracked)):.4f}, bias {np.sqrt(np.mean(np.square(means))):.4f} "
             f"(noise alone {left:.4f}), lost {1 - near.mean():.3%}, seen "
-            f"{taken[0].seen.mean():.3%}; {count / spent:,.0f} frames/s"
+            f"{tracks.seen.mean():.3%}; {count / spent:,.0f} frames/s"
         )
     limits = [limit(sensor.renderer, d) for d in discs[: max(1, min(6, count))]]
     print(f"{name} limit: rms {np.sqrt(np.mean(np.square(limits))):.4f} px ({len(limits)} frames)")
@@ -207,8 +221,8 @@ def _untouched() -> Scene:
 
 def show_graphs(label: str, xy: np.ndarray) -> None:
     pin_graph(xy[0])
-    ours = seconds(lambda: [pin_graph(places) for places in xy])
-    theirs = seconds(lambda: [Delaunay(places) for places in xy])
+    _, ours = timed(lambda: [pin_graph(places) for places in xy])
+    _, theirs = timed(lambda: [Delaunay(places) for places in xy])
     print(
         f"graph {label}: {len(xy) / ours:,.0f} graphs/s; scipy Delaunay alone "
         f"{len(xy) / theirs:,.0f}/s; ratio {theirs / ours:.1f}"

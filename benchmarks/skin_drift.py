@@ -63,16 +63,23 @@ def main() -> None:
     held, stop = set(places[: len(places) // 5]), set(places[len(places) // 5 :: 12])
 
     def rows(recording: Recording, wanted: set[str]) -> list[int]:
-        return [row for row, press in enumerate(recording.presses) if press in wanted]
+        labelled = zip(recording.presses, recording.scenes, strict=True)
+        return [
+            row
+            for row, (press, scene) in enumerate(labelled)
+            if press in wanted and scene is not None
+        ]
 
     second_scenes = [scene for scene in second.scenes if scene is not None]
     low, high = (f(scene.pose.depth for scene in second_scenes) for f in (min, max))
     same_day = [
         row
         for row in rows(first, held)
-        if low - NEAR_MM <= first.scenes[row].pose.depth <= high + NEAR_MM
+        if (scene := first.scenes[row]) is not None
+        and low - NEAR_MM <= scene.pose.depth <= high + NEAR_MM
     ]
     space = own_workspace([s for s in first.scenes if s is not None], np.inf, always=True)
+    assert space is not None  # noqa: S101 - the first session has presses
     context = ModelContext(
         "contacts", Grid.centred(64, space.half_width_mm / 16), space.depth_max_mm
     )
@@ -94,7 +101,8 @@ def main() -> None:
             ("another", second, rows(second, held)),
         ):
             frames, truth = presses(recording, tested)
-            error = errors(list(model.predict(frames)), truth)
+            found = [one for one in model.predict(frames) if isinstance(one, Contacts)]
+            error = errors(found, truth)
             x, y, depth = np.nanmean(error, axis=0)
             missed = np.isnan(error[:, 0]).mean()
             print(
