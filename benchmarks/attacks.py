@@ -19,6 +19,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
@@ -40,12 +41,12 @@ SLOW_S = 3.0
 def attacks(*, keys: bool) -> Iterator[tuple[str, Callable[[Path], Path]]]:
     """Yield the name of every forged submission, and the function that makes it in a folder."""
     for one in FORGERIES:
-        yield f"record: {one.name}", lambda folder, one=one: forged.forge(one, folder)
+        yield f"record: {one.name}", partial(forged.forge, one)
     yield from FILES.items()
     for base in forged.BASES if keys else ():
         for one in forged.key_forgeries(base):
             if not one.name.startswith(forged.ON_WORD):
-                yield f"{base}: {one.name}", lambda folder, one=one: forged.forge(one, folder)
+                yield f"{base}: {one.name}", partial(forged.forge, one)
 
 
 def main() -> int:

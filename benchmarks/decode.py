@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 from skimage.feature import peak_local_max
 
-from tactibench import Contacts, Grid
+from tactibench import Contacts, Encoder, Grid
 from tactibench.run.latency import time_calls
 from tactibench_heatmaps.axes import Axes
 from tactibench_heatmaps.discs import HeatAndDepth, Offsets
@@ -26,7 +26,7 @@ from tactibench_heatmaps.hertz import HertzGaussian
 
 GRID = Grid.centred(64, 0.4)
 MAPS = 1500
-ENCODERS: dict[str, Any] = {
+ENCODERS: dict[str, Encoder] = {
     "hertz maximum": HertzGaussian(decoder="maximum"),
     "hertz least-squares 7": HertzGaussian(decoder="least-squares", window=7),
     "hertz least-squares": HertzGaussian(decoder="least-squares"),
@@ -67,7 +67,7 @@ def noisy(rng: np.random.Generator, maps: np.ndarray, smooth: float, white: floa
     field = gaussian_filter(rng.standard_normal(maps.shape), (0, 0, 2, 2))
     field *= smooth / field.std()
     field += white * rng.standard_normal(maps.shape)
-    return np.clip(maps + (0.2 + maps) * field, 0, 1).astype(np.float32)
+    return np.asarray(np.clip(maps + (0.2 + maps) * field, 0, 1), dtype=np.float32)
 
 
 def errors(found: list[Contacts], truth: list[Contacts]) -> tuple[float, float, float]:
@@ -110,7 +110,7 @@ def best_seconds(work: Callable[[], object], clock: Callable[[], float], rounds:
 def timed(name: str, decode: Callable[[np.ndarray], Contacts], maps: np.ndarray) -> float:
     """Print the times of decoding one map, and return the thread's own time, us."""
     stage = ("decode", lambda one: decode(one[0]))
-    row = time_calls([stage], maps[:300], threads=1, calls=1000).rows("single")[-1]
+    row = time_calls([stage], list(maps[:300]), threads=1, calls=1000).rows("single")[-1]
     cpu = best_seconds(lambda: [decode(one) for one in maps[:300]], time.thread_time) / 300
     print(
         f"{name:21s} one map p50 {1e3 * row['p50_ms']:5.0f} us, p90 {1e3 * row['p90_ms']:5.0f} us,"
@@ -128,17 +128,12 @@ def show_speed(rng: np.random.Generator) -> None:
     for name, encoder in ENCODERS.items():
         truth = [c.top(1) for c in contacts] if name == "axes" else contacts
         maps = noisy(rng, encoder.encode_batch(truth, GRID), 0.015, 0.003)
-        quick = timed(name, lambda one, encoder=encoder: encoder.decode(one, GRID), maps)
-
-        def batch(encoder: Any = encoder, maps: np.ndarray = maps) -> None:
-            encoder.decode_batch(maps, GRID)
-
+        quick = timed(name, partial(encoder.decode, grid=GRID), maps)
+        batch = partial(encoder.decode_batch, maps, GRID)
         wall = MAPS / best_seconds(batch, time.perf_counter)
         cpu = MAPS / best_seconds(batch, time.thread_time)
         encoded = MAPS / best_seconds(
-            lambda encoder=encoder, truth=truth: encoder.encode_batch(truth, GRID),
-            time.thread_time,
-            rounds=1,
+            partial(encoder.encode_batch, truth, GRID), time.thread_time, rounds=1
         )
         print(
             f"; batch {wall:7,.0f} maps/s, cpu {cpu:7,.0f}; encode, cpu {encoded:7,.0f};"

@@ -62,7 +62,9 @@ def timed(tier: Mechanics, work: list[Tips], directions: np.ndarray, threads: in
         return len(tier.displacement(tier.loads(tips), directions)[0])
 
     one(work[0])
-    times, processor, begun = [], [], time.perf_counter()
+    times: list[float] = []
+    processor: list[float] = []
+    begun = time.perf_counter()
     while len(times) < 3 or (len(times) < 15 and time.perf_counter() - begun < BUDGET_S):
         start, before = time.perf_counter(), time.process_time()
         done = sum(prefetch(one, work, threads))

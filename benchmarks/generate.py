@@ -24,7 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import argparse
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -52,11 +52,10 @@ def scenes(kind: str, count: int) -> list[Scene]:
     return [
         Scene(
             indenter,
-            Pose(
-                *rng.uniform(-reach, reach, 2), rng.uniform(-180, 180), 0, rng.uniform(0.5, deepest)
-            ),
+            Pose(x, y, rng.uniform(-180, 180), 0, rng.uniform(0.5, deepest)),
         )
         for _ in range(count)
+        for x, y in [rng.uniform(-reach, reach, 2)]
     ]
 
 
@@ -71,8 +70,8 @@ def timed(work: Callable[[], object], rounds: int, frames: int) -> Seconds:
     return Seconds(statistics.median(times), min(times), min(processor))
 
 
-def consumed(frames: object) -> int:
-    return sum(1 for _ in frames)  # type: ignore[attr-defined]
+def consumed(frames: Iterable[object]) -> int:
+    return sum(1 for _ in frames)
 
 
 def stages(

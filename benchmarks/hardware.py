@@ -116,6 +116,7 @@ class Frames:
                 continue
             at_ns = row["t_frame_ns"]
             kept = cv2.imread(str(self._folder / row["file_name"]), cv2.IMREAD_GRAYSCALE)
+            assert kept is not None  # noqa: S101 - the collector wrote it
             self.off.append(float(np.abs(kept.astype(float) - self._emulation.image(at_ns)).mean()))
             truth = self._emulation.truth(at_ns).contacts
             label_xy = np.array(row["contacts_xy_mm"])

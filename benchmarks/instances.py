@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -54,15 +55,15 @@ def main() -> None:
         print(f"{name} nominal: {1e3 * median(nominal):.1f} ms, median of {repeats}")
     for count in (0, 16, 64, 144):
         forget()
-        first, again = (clock(partial(press, count)) for _ in range(2))
+        filling, full = (clock(partial(press, count)) for _ in range(2))
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(
-            f"{CHUNK} presses on {count or 1} instances: {first:.2f} s, the next {again:.2f} s; "
+            f"{CHUNK} presses on {count or 1} instances: {filling:.2f} s, the next {full:.2f} s; "
             f"process at most {memory:.0f} MB"
         )
 
 
-def made(kind: type[SimulatedTacTip], **parameters: int) -> SimulatedTacTip:
+def made(kind: type[SimulatedTacTip], **parameters: Any) -> SimulatedTacTip:
     """Return a new sensor that computes on one thread."""
     return kind(SensorContext(np.random.SeedSequence(0)), threads=1, **parameters)
 

@@ -131,7 +131,7 @@ def threshold_table(runs: int, level: float, seed: int) -> int:
         rng = np.random.default_rng(stream)
         off, held, misfits = np.zeros(4), np.zeros(4), np.zeros(2)
         for _ in range(runs):
-            hits = (rng.random(len(distance)) < np.repeat(p, PAIRS)) * 1.0
+            hits = (rng.random(len(distance)) < np.repeat(p, PAIRS)).astype(np.float64)
             fit = checked_threshold(distance, hits, press, rng=rng, level=level)
             assert fit.goodness is not None  # noqa: S101
             assert fit.goodness.p is not None  # noqa: S101

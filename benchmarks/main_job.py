@@ -24,6 +24,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tactibench.run.machine import fingerprint, fingerprint_hash
 
@@ -100,7 +101,7 @@ def main() -> int:
     asked = parser.parse_args()
     machine = fingerprint()
     busy = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    rows = []
+    rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         print(f"tactibench run {asked.protocol} --model {asked.model}; load before: {busy:.1f}")
         print(f"{'job':8}{'options':12}{'seconds':>9}{'target':>9}")

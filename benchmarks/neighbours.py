@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,8 +46,9 @@ def scene_of(contacts: Array) -> Scene:
     middle = contacts[:, :2].mean(axis=0)
     offsets = np.column_stack([contacts[:, :2] - middle, height.max() - height])
     indenter = Indenter(TIP_MM, tuple(map(tuple, offsets.tolist())), "free")
-    depth = contacts[0, 2] - tip_depths(Scene(indenter, Pose(*middle)))[0]
-    return Scene(indenter, Pose(*middle, depth=float(depth)))
+    x, y = middle
+    depth = contacts[0, 2] - tip_depths(Scene(indenter, Pose(x, y)))[0]
+    return Scene(indenter, Pose(x, y, depth=float(depth)))
 
 
 def free_contacts(
@@ -105,8 +107,7 @@ def main() -> None:
         for count, each in ((options.pairs, 2), (options.triples, 3)):
             contacts = free_contacts(count, each, rng)
             moved, weight = watched([scene_of(c) for c in contacts])
-            fitted = solve(field, moved, contacts, weight, 20)
-            sets.append((contacts, fitted.contacts))
+            sets.append((contacts, solve(field, moved, contacts, weight, 20).contacts))
     laws = {}
     for name in ("forward", "inverse"):
         given, wanted = [], []
@@ -126,11 +127,11 @@ def main() -> None:
             report(f"{name}, {label}", laws[name], ends[0][held], ends[1][held])
     if options.write:
         path = Path(package.__file__).with_name("neighbours.npz")
-        np.savez_compressed(
-            path,
+        arrays: dict[str, Any] = {
             **{f"{n}_pair": law.pair.astype(np.float32) for n, law in laws.items()},
             **{f"{n}_crowd": law.crowd.astype(np.float32) for n, law in laws.items()},
-        )
+        }
+        np.savez_compressed(path, **arrays)
         print(f"wrote {path.name}, {path.stat().st_size:,} bytes")
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -46,9 +47,7 @@ DEEP_MM, COUNT = 3.0, 300
 POLARS = (0.0, 12.0, 24.0, 36.0, 48.0, 60.0)
 
 
-def simulated(
-    presses: Presses, rows: Array, version: int, **optical: float
-) -> tuple[Images, Array]:
+def simulated(presses: Presses, rows: Array, version: int, **optical: Any) -> tuple[Images, Array]:
     """Return the rest frame and the frames of presses, and the (S + 1, P, 2) places of pins, px.
 
     Args:

@@ -19,6 +19,7 @@ import tempfile
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
@@ -43,7 +44,7 @@ def write_board(folder: Path, count: int) -> None:
             shutil.copyfile(answers, target.with_suffix(".npz"))
 
 
-def copies(count: int) -> Iterator[tuple[Path, dict]]:
+def copies(count: int) -> Iterator[tuple[Path, dict[str, Any]]]:
     """Yield paths and values of committed records under other models, with three seeds of each."""
     bases = sorted((ROOT / "leaderboards" / "submissions").glob("*/*.json"))
     for number in range(count):

@@ -17,6 +17,7 @@ import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -113,10 +114,10 @@ def main() -> None:
             line(f"dome {kind}", *two, complete, ALL, steps, kind)
         line("fitted as if every press was dragged", *two, complete, ALL, steps, states=False)
         return
-    pinhole = {"kind": "50_none", "lens": "pinhole", "index": 1.0}
+    pinhole: dict[str, Any] = {"kind": "50_none", "lens": "pinhole", "index": 1.0}
     bare = replace(begin, air_mm=35.0, gel_mm=20.0, focal_px=370.6, pin_length_mm=1.5, **still)
     bare = replace(bare, pivot_mm=0.0)
-    free = (*LABEL, "pin_length_mm")
+    free: tuple[str, ...] = (*LABEL, "pin_length_mm")
     x = line("bare pinhole 55 mm off, three scalars", *two, bare, free, steps, **pinhole)
     free = (*free, *PIVOT)
     x = replace(x, pivot_mm=15.0)

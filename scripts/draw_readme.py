@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -72,7 +73,11 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
             ends = [nominal.value, max(others)]
             axes.plot(ends, [place, place], color="#cccccc", linewidth=3, zorder=1)
             axes.plot([nominal.value], [place], "o", color=colour, markersize=10, zorder=3)
-        hollow = {"color": colour, "markerfacecolor": "white", "markeredgewidth": 1.6}
+        hollow: dict[str, Any] = {
+            "color": colour,
+            "markerfacecolor": "white",
+            "markeredgewidth": 1.6,
+        }
         axes.plot(others, [place] * len(others), "D", markersize=6, zorder=2, **hollow)
     axes.set_yticks(range(len(shown)), [model_text(line.row.first) for line in reversed(shown)])
     axes.set_xscale("log")

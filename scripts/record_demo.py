@@ -104,9 +104,11 @@ def main(models: str, out: Path) -> None:
     sample = Image.new("RGB", (WIDTH, small[0].height * 3))
     for k, number in enumerate((0, len(small) // 2, len(small) - 1)):
         sample.paste(small[number], (0, k * small[0].height))
-    by_area = sample.quantize(256 - len(ACCENTS)).getpalette()[: 3 * (256 - len(ACCENTS))]
+    by_area = sample.quantize(256 - len(ACCENTS)).getpalette()
+    assert by_area is not None  # noqa: S101 - quantize makes pictures with a palette
+    commonest = by_area[: 3 * (256 - len(ACCENTS))]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*by_area, *(value for name in ACCENTS for value in getrgb(name))])
+    palette.putpalette([*commonest, *(value for name in ACCENTS for value in getrgb(name))])
     frames = [shot.quantize(palette=palette, dither=Image.Dither.NONE) for shot in small]
     frames[0].save(
         out, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, optimize=True

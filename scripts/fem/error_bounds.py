@@ -167,7 +167,7 @@ def envelope(scenes: Sequence[Measured]) -> Envelope:
         return Envelope(np.zeros(4), 1.0, 0.0, 0.0, 0.0, 0.0)
     n, delta = np.stack([scene.n for scene in scenes]), np.stack([scene.delta for scene in scenes])
     pairs = combinations(range(delta.shape[1]), 2)
-    angle = np.array([angle_between(n[:, i], n[:, j]) for i, j in pairs] or [[0.0]])
+    angle = np.array([angle_between(n[:, i], n[:, j]) for i, j in pairs] or [np.zeros(1)])
     slack = math.radians(SLACK_DEG)
     return Envelope(
         _coefficients(scenes),

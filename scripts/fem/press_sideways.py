@@ -137,7 +137,7 @@ def _at_pins(inner: Callable[[Array], Array], mirror: bool) -> Array:
         return inner(pins)
     side = np.where(pins[:, 1] < 0, -1.0, 1.0)
     u = inner(np.column_stack([pins[:, 0], abs(pins[:, 1]), pins[:, 2]]))
-    return u * np.column_stack([np.ones_like(side), side, np.ones_like(side)])
+    return np.asarray(u * np.column_stack([np.ones_like(side), side, np.ones_like(side)]))
 
 
 def main() -> None:

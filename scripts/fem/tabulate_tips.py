@@ -86,7 +86,7 @@ def tabulate(
     """
     runs.mkdir(parents=True, exist_ok=True)
     dome = fem.Dome()
-    delta = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
+    delta = np.arange(round(DEEPEST_MM / STEP_MM) + 1, dtype=np.float64) * STEP_MM
     polar = np.radians(np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG)
     each = []
     for radius in ALL:

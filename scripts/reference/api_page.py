@@ -17,9 +17,9 @@ def lines(root: Path) -> list[str]:
     page = ["# Python", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
     page += ["A notebook that uses all of it: [docs/api.ipynb](../api.ipynb).", "", "## Functions"]
     functions = {n: one for n, one in public.items() if isinstance(one, ast.FunctionDef)}
-    for name, node in functions.items():
-        page += [*_heading(name, node.args.args), *fenced(signature(node))]
-        page += [*prose(ast.get_docstring(node)), ""]
+    for name, function in functions.items():
+        page += [*_heading(name, function.args.args), *fenced(signature(function))]
+        page += [*prose(ast.get_docstring(function)), ""]
     page += ["## Results", ""]
     for name, node in public.items():
         if isinstance(node, ast.ClassDef):
