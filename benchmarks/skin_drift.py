@@ -101,8 +101,8 @@ def main() -> None:
             ("another", second, rows(second, held)),
         ):
             frames, truth = presses(recording, tested)
-            found = [one for one in model.predict(frames) if isinstance(one, Contacts)]
-            error = errors(found, truth)
+            answers = [answer for answer in model.predict(frames) if isinstance(answer, Contacts)]
+            error = errors(answers, truth)
             x, y, depth = np.nanmean(error, axis=0)
             missed = np.isnan(error[:, 0]).mean()
             print(
