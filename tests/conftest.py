@@ -50,6 +50,7 @@ RANKED = {
     "exp1@1": ("mae_mm", "mean"),
     "exp2": ("distance_penalised_mm", "all"),
     "exp3": ("gospa1_mm", "all"),
+    "fine": ("distance_penalised_mm", "all"),
     "surface": ("depth_mae_mm", "all"),
     "stability": ("ospa_mm", "all"),
     "transfer": ("depth_mae_mm", "0"),

@@ -1,8 +1,9 @@
-"""One name, one training: the rows of one name and seed have the same weights in every protocol.
+"""One name, one training: rows of one name and seed have one set of weights on all boards.
 
 A row is named by model, parameters, regime, encoder and sensor. A reader of two boards takes rows
 of the same name for the same model. Trained twice, with other epochs or another version of the
-code, they are two models.
+code, they are two models. Protocols that draw other presses to train, such as ``fine`` with its
+small tips, are no boards of the same model.
 """
 
 from __future__ import annotations
@@ -76,9 +77,9 @@ def compare_trainings(records: Iterable[tuple[Record, LoadedProtocol]]) -> Train
 def training_key(record: Record, protocol: Protocol) -> list[Any]:
     """Return everything that the name of a training holds, as JSON values.
 
-    The kind of answer, and whether a training is for another sensor, are part of it: they follow
-    from the protocol and change what is learned. A model that draws nothing has one training for
-    all seeds.
+    The kind of answer, the presses that are drawn to train, and whether a training is for another
+    sensor, are part of it: they follow from the protocol and change what is learned. A model that
+    draws nothing has one training for all seeds.
     """
     transfers = protocol.transfer is not None
     draws = transfers or record.model.name not in deterministic_models()
@@ -93,8 +94,18 @@ def training_key(record: Record, protocol: Protocol) -> list[Any]:
         record.data.train,
         record.limits.presses,
         [protocol.answer, transfers],
+        _training_presses(protocol, record.regime),
         record.seed if draws else "any",
     ]
+
+
+def _training_presses(protocol: Protocol, regime: str) -> list[Any]:
+    """Return what determines the presses that a protocol draws to train; [] where it draws none."""
+    if protocol.split is None:
+        return []
+    draws = (protocol.split.draw, *protocol.regimes.get(regime, ()))
+    parts = (protocol.workspace, protocol.grid, protocol.split, *map(protocol.draw, draws))
+    return [protocol.data_seed, *(part.model_dump(mode="json") for part in parts)]
 
 
 def _hashes(records: Sequence[Record]) -> set[str]:

@@ -31,6 +31,16 @@ def compared(fabricate):
     return compare
 
 
+def test_protocols_that_train_on_other_presses_have_weights_of_their_own(compared) -> None:
+    """``fine`` presses tips of 1 mm, the experiments tips of 3 mm."""
+    found = compared(
+        {"protocol": "exp1", "weights": "w"},
+        {"protocol": "exp2", "weights": "w"},
+        {"protocol": "fine", "weights": "of fine"},
+    )
+    assert (found.contradictions, found.names) == ((), 2)
+
+
 def test_weights_are_one_for_all_protocols_of_a_seed(compared) -> None:
     fine = [
         {"protocol": p, "seed": s, "weights": f"w{s}"} for p in ("exp1", "exp2") for s in (0, 1)
