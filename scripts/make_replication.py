@@ -31,6 +31,8 @@ from tactibench.report.writers.markdown import table_lines
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, BOARD = ROOT / "docs" / "replication.md", ROOT / "leaderboards"
 MARKS = "<!-- {}: python scripts/make_replication.py -->", "<!-- end of {} -->"
+ENCODER = "hertz"
+"""The heatmap of the paper, which is the default of all three protocols, too."""
 NOT_RUN = "not run"
 TOO_FEW = "fewer than three seeds"
 
@@ -61,6 +63,8 @@ class System:
         record = row.first
         changed, encoder = record.model.changed, record.encoder
         if record.model.name != self.model or record.regime != self.regime:
+            return False
+        if encoder is not None and encoder.name != ENCODER:
             return False
         if self.recipe != "paper":
             return not changed and (encoder is None or not encoder.changed)

@@ -38,3 +38,13 @@ def test_a_system_is_found_by_its_recipe_and_decoder(making: Any, fabricate: Any
     assert not paper.is_of(published)  # the decoder is not that of the paper
     published.first.encoder.parameters["decoder"] = "maximum"
     assert paper.is_of(published)
+
+
+def test_rows_with_another_encoder_are_no_system_of_the_comparison(
+    making: Any, fabricate: Any
+) -> None:
+    from tactibench.board.grouping import rows_of
+
+    (row,) = rows_of([fabricate("exp1", "unet", settings={})])
+    row.first.encoder.name = "depth"
+    assert not making.System("unet", recipe="default").is_of(row)
