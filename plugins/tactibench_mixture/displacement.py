@@ -48,7 +48,7 @@ class DisplacementField:
 
     @property
     def symmetry(self) -> tuple[bool, bool]:
-        """Whether the pins at rest are their own mirror image with x, and with y, reversed."""
+        """(x, y): whether the pins at rest stay the same with that axis reversed."""
         pins, last = self.pins.rest, self.pins.side - 1
         return _coincide(pins, np.abs([last, 0] - pins)), _coincide(pins, np.abs([0, last] - pins))
 

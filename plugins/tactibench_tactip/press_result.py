@@ -1,4 +1,4 @@
-"""What one press of the real sensor gave."""
+"""The outcome of one press of the real sensor."""
 
 from __future__ import annotations
 

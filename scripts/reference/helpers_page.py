@@ -17,7 +17,7 @@ PACKAGES: Mapping[str, str] = {
     "tactibench.superposition": "Fields of single presses, and how presses beside each other add.",
 }
 """Public packages, in the order of the page."""
-_ELSEWHERE = {"tactibench.plugins.base", "tactibench.plugins.specs", "tactibench.plugins.hookspecs"}
+_ELSEWHERE = {f"tactibench.plugins.{name}" for name in ("base", "hookspecs", "parameter", "specs")}
 """Modules that the page of the hooks describes."""
 _IMPORT = re.compile(r"^from \.([\w.]+) import (\w+) as \w+$", re.MULTILINE)
 

@@ -164,14 +164,8 @@ def score_again(
 ) -> Verdict:
     """Check and score one committed record, without the guards of ``verify``.
 
-    An exception other than UserError is a mistake of tactibench.
-
-    Args:
-        path: File of the record.
-        source: Sources of the truth.
-        hidden: Whether its test presses are from the hidden seed.
-        folder: Folder of the published hashes of hidden seeds; None: those that ship with
-            tactibench.
+    The arguments are those of ``verify``. An exception other than UserError is a mistake of
+    tactibench.
 
     Raises:
         UserError: Something is wrong with the file, or something is missing to verify it.

@@ -19,7 +19,7 @@ SURFACE_HINT = "--param sensor.depth=COLUMN --param sensor.tilt=COLUMN name the 
 
 @dataclass(frozen=True)
 class Service:
-    """Whether a recording can serve a protocol.
+    """The answer to whether a recording can serve a protocol.
 
     Attributes:
         protocol: Id of the protocol.
