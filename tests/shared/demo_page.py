@@ -27,4 +27,8 @@ def demo_page(arguments: Sequence[str]) -> Iterator[tuple[str, subprocess.Popen[
                 raise RuntimeError(f"`{' '.join(command)}` ended with {process.wait()}")
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(END_S)
+            try:
+                process.wait(END_S)
+            except subprocess.TimeoutExpired:  # without this, leaving the block would wait for ever
+                process.kill()
+                raise
