@@ -40,7 +40,7 @@ from tactibench.board.truth import Source, labelled_counts, test_set
 from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.plugins.alarm import alarm
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.hidden_seed import committed_seed
+from tactibench.protocols.hidden_seed import recorded_seed
 from tactibench.protocols.loader import (
     LoadedProtocol,
     protocol_files,
@@ -121,7 +121,6 @@ def verify(
     path: Path,
     source: Source,
     *,
-    hidden: bool = False,
     folder: Path | None = None,
     limit_s: float = MOST_S,
 ) -> Verdict:
@@ -130,7 +129,6 @@ def verify(
     Args:
         path: File of the record.
         source: Sources of the truth.
-        hidden: Whether its test presses are from the hidden seed.
         folder: Folder of the published hashes of hidden seeds; None: those that ship with
             tactibench.
         limit_s: Most processor time that it may take, s.
@@ -145,7 +143,7 @@ def verify(
 
     try:
         with alarm("processor", limit_s, stop, again_s=AGAIN_S):
-            return score_again(path, source, hidden=hidden, folder=folder)
+            return score_again(path, source, folder=folder)
     except _OutOfTimeError:
         raise UserError(
             f"{path} was not verified within {limit_s:g} s of processor time; run it on a sensor "
@@ -159,9 +157,7 @@ def verify(
         ) from error
 
 
-def score_again(
-    path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
-) -> Verdict:
+def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Verdict:
     """Check and score one committed record, without the guards of ``verify``.
 
     The arguments are those of ``verify``. An exception other than UserError is a mistake of
@@ -179,7 +175,6 @@ def score_again(
     refuse_signature(record, str(path))
     refuse_forms(record, values, str(path))
     refuse_components(record, protocol, source.host, str(path))
-    _refuse_other_seed(record, path, hidden)
     neighbours = find_neighbours(record, path)
     place = answers_file(path)
     if not place.is_file():
@@ -194,9 +189,9 @@ def score_again(
             f"{arrays_hash(answers)[:12]}, the record says "
             f"{record.identity.predictions_hash[:12]}); submit the run again."
         )
-    seed = committed_seed(protocol, folder) if hidden else None
-    if seed is not None and record.identity.hidden != seed.commitment:
-        raise UserError(f"{path} was tested with another hidden seed than the published one.")
+    seed = None
+    if record.test_sensor is not None and HIDDEN in record.test_sensor.options:
+        seed = recorded_seed(protocol, record.identity.hidden or "", folder)
     test = test_set(record, protocol, source, seed)
     truth = test.truth
     times = len(labelled_counts(record, protocol)) or 1
@@ -238,18 +233,6 @@ def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:
             f"present one is {present.label} ({present.hash[:8]}); run the protocol again."
         )
     return protocol
-
-
-def _refuse_other_seed(record: Record, path: Path, hidden: bool) -> None:
-    test = record.test_sensor
-    on_hidden = test is not None and HIDDEN in test.options
-    if on_hidden and not hidden:
-        raise UserError(
-            f"{path} was tested on hidden presses; only who has the seed can verify it, with "
-            "--hidden."
-        )
-    if hidden and not on_hidden:
-        raise UserError(f"{path} was not tested on hidden presses; leave --hidden out.")
 
 
 def refuse_signature(record: Record, where: str) -> None:

@@ -168,20 +168,19 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     type=click.Path(path_type=Path),
     help="Folder of the recorded frames that were tested.",
 )
-@click.option("--hidden", is_flag=True, help="Their presses are from TACTIBENCH_HIDDEN_SEED.")
 @json_option
 @click.pass_context
 def verify(
     ctx: click.Context,
     files: tuple[Path, ...],
     data: Path | None,
-    hidden: bool,
     json_file: Path | None,
 ) -> None:
     """Score the predictions beside committed records (submissions/PROTOCOL/NAME.json) again.
 
     The truth is made anew by this installation; nothing of the submitter's is imported. Exit code 1
-    when a file is refused.
+    when a file is refused. Hidden presses are drawn from the revealed seed, or from that in
+    TACTIBENCH_HIDDEN_SEED.
     """
     from tactibench.board.shipped import trusted_host
     from tactibench.board.truth import Source
@@ -199,7 +198,7 @@ def verify(
     for path in files:
         try:
             with terminal.task(f"verify {path.stem[:60]}", 1) as advance:
-                verdict = check(path, source, hidden=hidden)
+                verdict = check(path, source)
                 advance(1)
         except UserError as error:
             refused += 1
@@ -310,25 +309,23 @@ def time_board(
     )
 
 
-@board.command(short_help="publish the hash of the secret seed of test presses")
+@board.command(short_help="publish the hash of the secret seed of test presses, or the seed")
 @click.argument("protocol")
+@click.option("--reveal", is_flag=True, help="Publish the seed itself, after the last run.")
 @board_option
-def hidden(protocol: str, board_folder: Path) -> None:
-    """Publish the hash of the secret seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL, once.
+def hidden(protocol: str, reveal: bool, board_folder: Path) -> None:
+    """Publish the hash of the secret seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL.
 
-    The hash is published before the first run, the seed never: test presses that nobody has seen.
+    The hash is published before the first run: test presses that nobody has seen. The seed itself
+    is revealed with the answers, so that everybody can score them again.
 
     \b
     export TACTIBENCH_HIDDEN_SEED=$(openssl rand -hex 32)
     tactibench board hidden exp1
     tactibench run exp1 --model unet --hidden-seed
+    tactibench board hidden exp1 --reveal
     """
-    from tactibench.protocols.hidden_seed import (
-        commitment_file,
-        commitment_text,
-        given_seed,
-        read_commitment,
-    )
+    from tactibench.protocols.hidden_seed import commitment_file, commitment_text, given_seed
     from tactibench.protocols.loader import load_protocol
     from tactibench.records.files import atomic
 
@@ -339,18 +336,21 @@ def hidden(protocol: str, board_folder: Path) -> None:
             "that draws its presses."
         )
     seed = given_seed(loaded)
-    path = commitment_file(loaded.spec.id, board_folder / "hidden")
-    if path.exists():
-        if read_commitment(path) == seed.commitment:
-            echo(f"{path} holds the hash of this seed already")
-            return
+    path = commitment_file(loaded, seed.commitment, board_folder / "hidden")
+    if reveal and not path.exists():
         raise UserError(
-            f"{path} holds the hash of another seed; to exchange a seed, remove the file in a "
-            "commit of its own, so that everybody sees it."
+            f"{path} is not there: the hash of this seed was never published, so that it proves "
+            "nothing; publish the hash of a new seed, and test on that."
         )
+    if path.exists() and not reveal:
+        echo(f"{path} holds the hash of this seed already")
+        return
     with atomic(path) as stream:
-        stream.write(commitment_text(loaded, seed).encode())
-    echo(f"wrote {path}: sha256 {seed.commitment}; commit it before the first run")
+        stream.write(commitment_text(loaded, seed, reveal=reveal).encode())
+    if reveal:
+        echo(f"wrote {path} with the seed; commit it with the answers, and take a new seed")
+    else:
+        echo(f"wrote {path}: sha256 {seed.commitment}; commit it before the first run")
 
 
 def _write_pages(board_folder: Path) -> None:

@@ -1,14 +1,15 @@
-"""A secret seed of test presses; only its hash is published, before the first run.
+"""A secret seed of test presses: its hash is published before the first run, the seed afterwards.
 
-Whoever holds the seed draws test presses that nobody could train on or tune to. Everybody else can
-check later, when the seed is revealed, that it was not chosen after the answers were seen. The seed
-comes from the environment and is never written: records and identities hold its hash, and the
-frames that are drawn from it are keyed by a hash.
+Whoever holds the seed draws test presses that nobody could train on or tune to. When it is
+revealed, everybody can score the committed answers again, and can check that the seed was not
+chosen after they were seen. A run takes the seed from the environment and writes it nowhere:
+records and identities hold its hash, and the frames that are drawn from it are keyed by a hash.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import tomllib
 from dataclasses import dataclass, field
@@ -32,10 +33,11 @@ class HiddenSeed:
 
     Attributes:
         question: Label and hash of the protocol.
+        secret: Text of the seed.
     """
 
     question: str
-    _secret: bytes = field(repr=False)
+    secret: str = field(repr=False)
 
     @property
     def commitment(self) -> str:
@@ -49,7 +51,7 @@ class HiddenSeed:
 
     def _derived(self, purpose: str) -> bytes:
         text = f"tactibench hidden seed|{self.question}|{purpose}|".encode()
-        return hashlib.sha256(text + self._secret).digest()
+        return hashlib.sha256(text + self.secret.encode()).digest()
 
 
 def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
@@ -69,62 +71,98 @@ def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
             f"the seed in {VARIABLE} has {len(secret)} characters and could be found by trying; "
             f"take {SHORTEST} or more, such as those of `openssl rand -hex 32`."
         )
-    return HiddenSeed(f"{protocol.label} {protocol.hash}", secret.encode())
+    return _seed_of(protocol, secret)
 
 
 def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> HiddenSeed:
-    """Return the hidden seed in the environment, if its hash is the published one.
+    """Return the hidden seed in the environment, with which a model may be tested.
 
     Args:
         protocol: The protocol that the seed belongs to.
         folder: Folder of the published hashes; None: those that ship with tactibench.
 
     Raises:
-        UserError: The environment holds no seed or one that is too short, no hash was published or
-            its file is damaged, or the seed has another hash.
+        UserError: The environment holds no seed or one that is too short, its hash was not
+            published or the file of it is damaged, or the seed was revealed.
     """
     seed = given_seed(protocol)
-    path = commitment_file(protocol.spec.id, folder)
-    published = read_commitment(path)
-    if published != seed.commitment:
+    path = commitment_file(protocol, seed.commitment, folder)
+    published = _read_commitment(path)
+    if published.get("sha256") != seed.commitment:
         raise UserError(
-            f"the seed in {VARIABLE} is not the one whose hash was published for "
-            f"{protocol.label} in {path.name}; give that one."
+            f"no hash of the hidden seed in {VARIABLE} was published for {protocol.label} in "
+            f"{path}; `tactibench board hidden {protocol.spec.id}` writes it, before the first run."
+        )
+    if "seed" in published:
+        raise UserError(
+            f"the hidden seed in {VARIABLE} was revealed in {path.name}, so that a model may have "
+            "been trained on its presses; take a new one."
         )
     return seed
 
 
-def commitment_file(protocol: str, folder: Path | None = None) -> Path:
-    """Return the file that publishes the hash of a protocol's hidden seed."""
-    return (folder or shipped_folder("hidden")) / f"{protocol}.toml"
+def recorded_seed(
+    protocol: LoadedProtocol, commitment: str, folder: Path | None = None
+) -> HiddenSeed:
+    """Return the hidden seed that a record names by its hash: the revealed one, or the given one.
 
-
-def read_commitment(path: Path) -> str:
-    """Return the published hash.
+    Args:
+        protocol: The protocol that the record answers.
+        commitment: Hash of the seed that the record states.
+        folder: Folder of the published hashes; None: those that ship with tactibench.
 
     Raises:
-        UserError: The file does not exist, is not TOML, or has no text with the key ``sha256``.
+        UserError: The hash was not published or its file is damaged, or the seed is neither
+            revealed nor in the environment.
     """
-    try:
-        committed = tomllib.loads(path.read_text(encoding="utf-8")).get("sha256")
-    except FileNotFoundError:
+    path = commitment_file(protocol, commitment, folder)
+    published = _read_commitment(path)
+    if published.get("sha256") != commitment:
         raise UserError(
-            f"no hash of a hidden seed was published for protocol {path.stem!r} ({path} is not "
-            "there); `tactibench board hidden` writes it, before the first run."
-        ) from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path} is no TOML file with a key sha256 ({error}).") from None
-    if not isinstance(committed, str):
-        raise UserError(f"{path}: key 'sha256' must be the hash of a hidden seed.")
-    return committed
+            f"no hash {commitment[:8]!r} of a hidden seed was published for {protocol.label}; only "
+            "runs on published ones are verified."
+        )
+    secret = published.get("seed")
+    seed = given_seed(protocol) if secret is None else _seed_of(protocol, secret)
+    if seed.commitment != commitment:
+        place = VARIABLE if secret is None else path.name
+        raise UserError(
+            f"the hidden seed in {place} is not the one with the hash {commitment[:8]} of "
+            f"{protocol.label}; give that one."
+        )
+    return seed
 
 
-def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed) -> str:
-    """Return the text of the file that publishes the hash of a seed."""
+def commitment_file(protocol: LoadedProtocol, commitment: str, folder: Path | None = None) -> Path:
+    """Return the file that publishes the hash of a hidden seed, and later the seed."""
+    name = f"{protocol.spec.id}-{commitment[:8]}.toml"
+    return (folder or shipped_folder("hidden")) / name
+
+
+def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed, *, reveal: bool = False) -> str:
+    """Return the text of the file that publishes a seed: its hash, or also itself."""
+    told = "everybody can draw its presses" if reveal else "the seed itself is told to scorers only"
+    # JSON writes text as TOML reads it.
+    secret = f"seed = {json.dumps(seed.secret, ensure_ascii=False)}\n" if reveal else ""
     return (
-        f"# Hash of the hidden seed of {protocol.label}; the seed itself is told to scorers only.\n"
+        f"# Hash of a hidden seed of {protocol.label}; {told}.\n"
         f'protocol = "{protocol.spec.id}"\n'
         f"version = {protocol.spec.version}\n"
         f'protocol_hash = "{protocol.hash}"\n'
-        f'sha256 = "{seed.commitment}"\n'
+        f'sha256 = "{seed.commitment}"\n{secret}'
     )
+
+
+def _read_commitment(path: Path) -> dict[str, str]:
+    """Return the texts of a file of ``commitment_text``; nothing where there is no such file."""
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path} is no TOML file of a hidden seed ({error}).") from None
+    return {key: value for key, value in values.items() if isinstance(value, str)}
+
+
+def _seed_of(protocol: LoadedProtocol, secret: str) -> HiddenSeed:
+    return HiddenSeed(f"{protocol.label} {protocol.hash}", secret)

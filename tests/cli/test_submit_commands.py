@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 from tactibench.protocols.hidden_seed import VARIABLE
@@ -51,16 +52,25 @@ def test_verify_needs_a_folder_that_is_there(refused):
     )
 
 
-def test_a_hash_is_published_once(cli, stored_run, monkeypatch):
+def test_a_hash_is_published_before_the_runs_and_the_seed_after_them(cli, stored_run, monkeypatch):
     monkeypatch.setenv(VARIABLE, SECRET)
+    assert "was never published" in cli("board", "hidden", "exp1", "--reveal")[2]
     code, out, _ = cli("board", "hidden", "exp1")
     assert code == 0
-    text = Path("leaderboards/hidden/exp1.toml").read_text()
+    (path,) = Path("leaderboards/hidden").glob("exp1-*.toml")
+    text = path.read_text()
     assert SECRET not in text + out
     assert "holds the hash of this seed already" in cli("board", "hidden", "exp1")[1]
+    assert path.read_text() == text
     monkeypatch.setenv(VARIABLE, SECRET[::-1])
-    assert "holds the hash of another seed" in cli("board", "hidden", "exp1")[2]
-    assert Path("leaderboards/hidden/exp1.toml").read_text() == text
+    assert cli("board", "hidden", "exp1")[0] == 0  # a second seed is a second file
+    assert path.read_text() == text
+    monkeypatch.setenv(VARIABLE, SECRET)
+    assert "take a new seed" in cli("board", "hidden", "exp1", "--reveal")[1]
+    revealed = tomllib.loads(path.read_text())
+    assert revealed == {**tomllib.loads(text), "seed": SECRET}
+    assert "already" in cli("board", "hidden", "exp1")[1]  # does not take the seed back
+    assert tomllib.loads(path.read_text()) == revealed
 
 
 def test_hidden_mistakes(refused, stored_run, monkeypatch):
@@ -75,12 +85,7 @@ def test_hidden_mistakes(refused, stored_run, monkeypatch):
     assert "1234" not in sentence
     monkeypatch.setenv(VARIABLE, SECRET)
     assert "takes recorded presses, which no seed draws" in refused("board", "hidden", "surface")
-    assert "no hash of a hidden seed was published for protocol 'fine'" in refused(
-        "run", "fine", "--model", "mean", "--hidden-seed"
-    )
-    assert "is not the one whose hash was published for exp1@2" in refused(
-        "run", "exp1", "--model", "mean", "--hidden-seed"
-    )
+    assert "was published for exp1@2" in refused("run", "exp1", "--model", "mean", "--hidden-seed")
     assert "leave one of --hidden-seed and --test reference out" in refused(
         "run", "exp1", "--model", "mean", "--hidden-seed", "--test", "reference"
     )

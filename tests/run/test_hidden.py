@@ -16,9 +16,11 @@ from tactibench.protocols import hidden_seed as module
 from tactibench.protocols.hidden_seed import (
     VARIABLE,
     HiddenSeed,
+    commitment_file,
     commitment_text,
     committed_seed,
     given_seed,
+    recorded_seed,
 )
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.store import StoredRun
@@ -37,7 +39,7 @@ def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> H
     monkeypatch.setattr(module, "shipped_folder", lambda _: tmp_path)
     protocol = load_protocol(mini("exp1"))
     seed = given_seed(protocol)
-    (tmp_path / "few-exp1.toml").write_text(commitment_text(protocol, seed))
+    commitment_file(protocol, seed.commitment).write_text(commitment_text(protocol, seed))
     return seed
 
 
@@ -75,25 +77,48 @@ def test_the_seed_is_nowhere_on_the_disk(
 
 def test_seeds_of_protocols_and_versions_differ() -> None:
     asked = ("few-exp1@1 ab", "few-exp1@2 ab", "few-exp2@1 ab")
-    seeds = [HiddenSeed(question, b"x" * 32) for question in asked]
+    seeds = [HiddenSeed(question, "x" * 32) for question in asked]
     assert len({seed.commitment for seed in seeds}) == len({seed.data_seed for seed in seeds}) == 3
     assert seeds[0].data_seed.bit_length() > 128
     assert f"{seeds[0].data_seed:064x}" != seeds[0].commitment
 
 
-def test_another_seed_and_damaged_hashes_are_refused(
-    committed: HiddenSeed, mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any
+def test_another_seed_and_damaged_files_are_refused(
+    committed: HiddenSeed, mini: Callable[[str], str], monkeypatch: Any
 ) -> None:
     protocol = load_protocol(mini("exp1"))
+    path = commitment_file(protocol, committed.commitment)
     assert committed_seed(protocol) == committed
+    text = path.read_text()
+    path.write_text(text.replace(committed.commitment, committed.commitment[:8] + "0" * 56))
+    with pytest.raises(UserError, match=r"no hash of the hidden seed .* was published"):
+        committed_seed(protocol)
+    path.write_text("=")
+    with pytest.raises(UserError, match="is no TOML file"):
+        committed_seed(protocol)
+    path.write_text(text)
     monkeypatch.setenv(VARIABLE, SECRET[::-1])
-    with pytest.raises(UserError, match="is not the one whose hash was published") as told:
+    with pytest.raises(UserError, match=r"no hash of the hidden seed .* was published") as told:
         committed_seed(protocol)
     assert SECRET[::-1] not in str(told.value)
-    for text, words in (("sha256 = 3", "key 'sha256' must be"), ("=", "is no TOML file")):
-        (tmp_path / "few-exp1.toml").write_text(text)
-        with pytest.raises(UserError, match=words):
-            committed_seed(protocol)
+
+
+@pytest.mark.parametrize("secret", [SECRET, 'a "quoted" \\ seed of many characters, é 🙂'])
+def test_a_revealed_seed_scores_answers_again_and_tests_no_new_model(
+    secret: str, committed: HiddenSeed, mini: Callable[[str], str], monkeypatch: Any
+) -> None:
+    protocol = load_protocol(mini("exp1"))
+    monkeypatch.setenv(VARIABLE, secret)
+    seed = given_seed(protocol)
+    path = commitment_file(protocol, seed.commitment)
+    path.write_text(commitment_text(protocol, seed, reveal=True))
+    with pytest.raises(UserError, match=r"was revealed in .*; take a new one"):
+        committed_seed(protocol)
+    monkeypatch.delenv(VARIABLE)
+    assert recorded_seed(protocol, seed.commitment) == seed
+    path.write_text(commitment_text(protocol, seed) + f'seed = "{SECRET[::-1]}"\n')
+    with pytest.raises(UserError, match=f"in {path.name} is not the one with the hash"):
+        recorded_seed(protocol, seed.commitment)
 
 
 def test_a_recording_has_no_hidden_presses(planned: Callable[..., Any], tmp_path: Path) -> None:

@@ -21,7 +21,12 @@ from tactibench.board.verification import verify
 from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.hidden_seed import VARIABLE, commitment_text, given_seed
+from tactibench.protocols.hidden_seed import (
+    VARIABLE,
+    commitment_file,
+    commitment_text,
+    given_seed,
+)
 from tactibench.protocols.split import split_presses
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.files import arrays_hash, read_arrays, write_arrays
@@ -271,7 +276,7 @@ def test_recorded_frames_need_their_folder(submitted, source) -> None:
         verify(edited(submitted(), recorded), source)
 
 
-def test_hidden_presses_are_verified_by_who_has_the_seed(
+def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_revealed(
     submitted, source, mini, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setenv(VARIABLE, "0123456789abcdef" * 4)
@@ -279,7 +284,8 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
     seed = given_seed(protocol)
     folder = tmp_path / "hidden"
     folder.mkdir()
-    (folder / "exp1.toml").write_text(commitment_text(protocol, seed))
+    published = commitment_file(protocol, seed.commitment, folder)
+    published.write_text(commitment_text(protocol, seed))
     tested = {
         "name": "tactip-127",
         "parameters": {},
@@ -302,13 +308,34 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
     hidden = path.with_name(path.name.replace("-s0", "-on-hidden-s0"))
     answers_file(path).rename(answers_file(hidden))
     path = path.rename(hidden)
-    assert verify(path, source, hidden=True, folder=folder).frames == 20
-    with pytest.raises(UserError, match="only who has the seed can verify it"):
-        verify(path, source)
+    assert verify(path, source, folder=folder).frames == 20
+    with pytest.raises(UserError, match="only runs on published ones are verified"):
+        verify(path, source, folder=tmp_path)
     monkeypatch.setenv(VARIABLE, "another seed that is long enough to be one")
-    with pytest.raises(UserError, match="is not the one whose hash was published"):
-        verify(path, source, hidden=True, folder=folder)
+    with pytest.raises(UserError, match=f"in {VARIABLE} is not the one with the hash"):
+        verify(path, source, folder=folder)
     assert os.environ[VARIABLE] not in path.read_text()
+    monkeypatch.delenv(VARIABLE)
+    with pytest.raises(UserError, match=f"{VARIABLE}, which is not set"):
+        verify(path, source, folder=folder)
+    published.write_text(commitment_text(protocol, seed, reveal=True))
+    assert verify(path, source, folder=folder).frames == 20
+
+    def claim(record: dict[str, Any]) -> None:
+        record["identity"] |= {"hidden": None}
+
+    edited(path, claim)  # no hash: scored on the public presses, shown among the hidden ones
+    with pytest.raises(UserError, match="only runs on published ones are verified"):
+        verify(path, source, folder=folder)
+
+
+@pytest.mark.parametrize("hidden", ["../../etc", "ab" * 31 + "AB", "é" * 64])
+def test_the_hash_of_a_hidden_seed_names_no_file(submitted, source, hidden) -> None:
+    def claim(record: dict[str, Any]) -> None:
+        record["identity"] |= {"hidden": hidden}
+
+    with pytest.raises(UserError, match=r"identity\.hidden is .*, which is no sha256"):
+        verify(edited(submitted(), claim), source)
 
 
 @pytest.mark.long
