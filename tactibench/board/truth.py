@@ -95,23 +95,6 @@ class TestSet:
     derived: Derived
 
 
-def truth_of(
-    record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
-) -> Arrays:
-    """Return packed true answers with press and group, and the bounds that the metrics need.
-
-    Args:
-        record: Record of a run.
-        protocol: Version of the protocol that it answers.
-        source: Sources of the truth.
-        hidden: Hidden seed of the test presses; None: the protocol's seed.
-
-    Raises:
-        UserError: The truth cannot be made on this machine.
-    """
-    return test_set(record, protocol, source, hidden).truth
-
-
 def test_set(
     record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
 ) -> TestSet:

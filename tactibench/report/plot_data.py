@@ -25,6 +25,7 @@ from tactibench.board.sections import (
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import load_protocol
 from tactibench.report.hard_cases import doubling_table
+from tactibench.report.numbers import plural
 from tactibench.report.plot_tables import (
     JsonRows,
     curve_rows,
@@ -89,7 +90,7 @@ def frontier_data(
         subject += f", timed on {timed[0].row.first.environment.cpu} ({regimes[0].machine})"
     remarks = list(frontier_remarks(regimes))
     if hidden := left_out(records, section):
-        remarks.append(f"Left out: {hidden:,} runs on other sensors.")
+        remarks.append(f"Left out: {plural(hidden, 'run')} on other sensors.")
 
     def draw() -> Figure:
         from tactibench.report.plots.frontier import frontier_figure, off_nominal

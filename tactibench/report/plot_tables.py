@@ -14,7 +14,7 @@ from tactibench.board.rows import Row
 from tactibench.frames.two_point_limit import D_PRIME, FALSELY_SEEN, SEEN
 from tactibench.protocols.board_spec import Ranking
 from tactibench.protocols.families import Axis
-from tactibench.report.numbers import Format, fixed, significant
+from tactibench.report.numbers import Format, fixed, plural, significant
 from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
 
 JsonRows = list[dict[str, Any]]
@@ -52,7 +52,7 @@ def frontier_remarks(frontiers: Sequence[Frontier]) -> Iterator[str]:
     yield FRONTIER_NOTE
     if elsewhere := sum(frontier.elsewhere for frontier in frontiers):
         machine = frontiers[0].machine
-        yield f"Left out: {elsewhere:,} runs that were timed on another machine than {machine}."
+        yield f"Left out: {plural(elsewhere, 'run')} timed on another machine than {machine}."
     untimed = [f"{name} ({regime.regime})" for regime in frontiers for name in regime.untimed]
     if untimed:
         yield f"Left out, without an error or a time: {'; '.join(untimed)}."

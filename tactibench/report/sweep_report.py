@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.report.numbers import duration
+from tactibench.report.numbers import duration, plural
 from tactibench.report.table import Column, Table, table
 from tactibench.report.writers.terminal import print_table
 from tactibench.sweep.data_sets import DatasetTask
@@ -75,4 +75,4 @@ def _counts(finished: Sequence[CellResult]) -> str:
     """Return the number of cells by state, such as "6 cells: 4 run, 1 in the store, 1 failed"."""
     states = [_state(result) for result in finished]
     parts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
-    return f"{len(finished)} cells: {', '.join(parts)}"
+    return f"{plural(len(finished), 'cell')}: {', '.join(parts)}"

@@ -280,7 +280,9 @@ def test_layers_go_down_the_left_and_up_the_right(count: int) -> None:
     assert [name for name in order if name in right] == right
 
 
-def test_every_point_of_a_frontier_is_named_and_dominated_ones_are_hollow(fabricate: Any) -> None:
+def test_points_of_a_frontier_are_in_its_key_and_dominated_ones_are_hollow(
+    fabricate: Any,
+) -> None:
     widths = ((8, 0.05, 2.0), (16, 0.10, 3.0), (32, 0.03, 9.0))
     records = [
         fabricate(settings={"width": w}, error=e, p90_ms=p, regime=regime)
@@ -288,12 +290,15 @@ def test_every_point_of_a_frontier_is_named_and_dominated_ones_are_hollow(fabric
         for regime in ("single", "multiple")
     ]
     found = frontiers(rows_of(records), ERROR)
-    panels = frontier_figure(found, ERROR).axes
+    figure = frontier_figure(found, ERROR)
+    panels = figure.axes
+    key = [text.get_text() for text in figure.legends[0].get_texts()]
+    labels = dict(line.split("  ", 1) for line in key[:3])
+    assert sorted(labels) == ["1", "2", "3"]
     titles = [axes.get_title("left") for axes in panels]
     assert titles == ["trained in regime single", "trained in regime multiple"]
     for axes, one in zip(panels, found, strict=True):
-        assert {text.get_text() for text in axes.texts} == {p.label for p in one.points}
-        assert not any(text.arrow_patch for text in axes.texts)  # no leaders to cross the panel
+        assert [labels[text.get_text()] for text in axes.texts] == [p.label for p in one.points]
         faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
         assert faces.count("white") == len(one.dominated) == 1
     assert panels[0].get_xscale() == panels[0].get_yscale() == "log"

@@ -1,8 +1,8 @@
-"""Speed against error: every point with its name, the frontier as a line."""
+"""Speed against error: every point with its number, the frontier as a line, the names in a key."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,16 +31,20 @@ from tactibench.report.plots.style import (
 
 Box = tuple[float, float, float, float]
 LINE_INCH, LETTER_INCH = 0.17, 0.066
-"""Height of a name, and width of one of its letters, inches."""
+"""Height of a number, and width of one of its digits, inches."""
 WIDE_INCH, NARROW_INCH = 8.4, 4.3
 """Approximate width of a single panel, and of each of two beside each other, inches."""
 HEIGHT_INCH = 3.4
+COLUMNS = 2
+"""Columns of the key: a name of a row is up to half as long as the picture is wide."""
 TINY = 1e-12
 """Value that replaces 0, which a logarithmic axis does not have."""
 GAP = 0.09
-"""Distance between a point and its name, inches."""
-STRANGE = 0.16
-"""Distance between a name and the points of other rows, inches."""
+"""Distance between a point and its number, inches."""
+STRANGE = 0.12
+"""Distance between a number and the points of other rows, inches."""
+KEY_INCH = 0.2
+"""Height of a line of the key, inches."""
 FADED = 0.45
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
 NOMINAL = "nominal"
@@ -113,8 +117,8 @@ def frontier_figure(
     """Draw latency against error with intervals, a panel a regime and condition, on log axes.
 
     Panels of one error have the same axes. A model has its colour and marker. Filled marks are not
-    dominated, hollow marks are. A name stands beside its point where there is room for it; names of
-    points on the line are placed first.
+    dominated, hollow marks are. A number stands beside each point; the key below the panels says
+    which row it is. A row has the same number in all panels.
 
     Args:
         frontiers: One frontier a regime.
@@ -133,9 +137,12 @@ def frontier_figure(
     ]
     across = 2 if off_nominal else 1
     down = max(1, -(-len(drawn) // across))
-    figure = new_figure(9.5, HEIGHT_INCH * down + 1.3)
-    panels = figure.subplots(down, across, squeeze=False)
     points = [point for _, frontier in drawn for point in frontier.points]
+    models = {point.label: _model(point) for point in points}
+    numbers = {label: k for k, label in enumerate(sorted(models), 1)}
+    lines = -(-(len(models) + 2) // COLUMNS)
+    figure = new_figure(9.5, HEIGHT_INCH * down + 0.7 + KEY_INCH * lines)
+    panels = figure.subplots(down, across, squeeze=False)
     size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
     for axes, (condition, frontier) in zip(panels.flat, drawn, strict=False):
         if points:
@@ -144,7 +151,7 @@ def frontier_figure(
         _show_line(axes, frontier.best)
         for point in frontier.points:
             _show_point(axes, point, hollow=point.label in frontier.dominated)
-        _show_labels(axes, frontier, size)
+        _show_numbers(axes, frontier, size, numbers)
         names = filter(None, (f"trained in regime {frontier.regime}", condition.title))
         axes.set_title("\n".join(map(short_label, names)), fontsize=9.5, loc="left")
         axes.set_ylabel(condition.axis or f"{error.name}, {error.unit}")
@@ -155,9 +162,8 @@ def frontier_figure(
     for axes in panels.flat[max(0, len(drawn) - across) :]:
         axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
-        models = sorted({_model(point) for point in points})
-        handles = _legend(models)
-        legend_below(figure, len(handles) if len(handles) < 6 else len(handles) // 2, handles)
+        key = [_mark(_named(numbers[one], one), model_look(models[one])) for one in sorted(models)]
+        legend_below(figure, COLUMNS, [*key, *_other_marks()])
     headline(figure, title, measured_on)
     return figure
 
@@ -228,15 +234,16 @@ def _show_line(axes: Axes, best: Sequence[Point]) -> None:
     )
 
 
-def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> None:
-    """Write names beside their points, where no other name or point stands.
-
-    A name without room is left out, so that no line has to lead to it: the legend names the model.
+def _show_numbers(
+    axes: Axes, frontier: Frontier, size: tuple[float, float], numbers: Mapping[str, int]
+) -> None:
+    """Write the number of each point beside it, where no other number or point stands.
 
     Args:
         axes: Panel with its limits set.
         frontier: Points of the panel.
         size: Width and height of the panel, inches.
+        numbers: Label of a row -> its number.
     """
     low, high = (np.log(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
     values = [(point.latency.value, point.error.value) for point in frontier.points]
@@ -246,31 +253,28 @@ def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> N
         tuple(np.ravel((np.log(np.maximum(ends, TINY)) - low) / (high - low) * size))
         for ends in [*_bars(frontier.points), *_steps(frontier.best, axes.get_xlim()[1])]
     ]
-    ranked = sorted(
-        zip(frontier.points, places, strict=True),
-        key=lambda pair: (pair[0] not in frontier.best, pair[0].label in frontier.dominated),
-    )
-    for point, (x, y) in ranked:
-        name = short_label(point.label)
-        width = LETTER_INCH * len(name)
+    for point, (x, y) in zip(frontier.points, places, strict=True):
+        number = str(numbers[point.label])
+        boxes = _boxes_beside(x, y, LETTER_INCH * len(number), size)
         points = [
             _around(place, GAP if place == (x, y) else STRANGE) for place in places
-        ]  # a name must not seem to belong to another point
-        box = _free_box(x, y, width, size, [*points, *occupied, *lines])
-        if box is None:  # a name across a bar is better than none
-            box = _free_box(x, y, width, size, [*points, *occupied])
-        if box is None:
-            continue
+        ]  # a number must not seem to belong to another point
+        # A number across a bar is better than none, and one beside another number, too.
+        box = (
+            _first_free(boxes, [*points, *occupied, *lines])
+            or _first_free(boxes, [*points, *occupied])
+            or boxes[0]
+        )
         occupied.append(box)
         axes.annotate(
-            name,
-            (box[0] / size[0], (box[1] + box[3]) / 2 / size[1]),
+            number,
+            ((box[0] + box[2]) / 2 / size[0], (box[1] + box[3]) / 2 / size[1]),
             xycoords="axes fraction",
+            ha="center",
             va="center",
             fontsize=8,
             color=GREY if point.label in frontier.dominated else "black",
             annotation_clip=False,
-            bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.6},
         )
 
 
@@ -297,20 +301,17 @@ def _steps(best: Sequence[Point], right: float) -> Iterator[list[tuple[float, fl
             yield [(x[k], y), (x[k], best[k - 1].error.value)]
 
 
-def _free_box(
-    x: float, y: float, width: float, size: tuple[float, float], taken: Sequence[Box]
-) -> Box | None:
-    """Return a free box for a name that touches its point: left, bottom, right, top, inches.
+def _boxes_beside(x: float, y: float, width: float, size: tuple[float, float]) -> list[Box]:
+    """Return the boxes that a number of a point may have: left, bottom, right, top, inches.
 
-    Places are tried in this order: above or below to the right, then to the left, then above and
-    below the middle, then beside. None where all are taken.
+    They are in the order in which they are tried: above or below to the right, then to the left,
+    then above and below the middle, then beside.
 
     Args:
         x: Place of the point from the left of the panel, inches.
         y: Place of the point from the bottom of the panel, inches.
-        width: Width of the name, inches.
+        width: Width of the number, inches.
         size: Width and height of the panel, inches.
-        taken: Boxes that must stay free.
     """
     up, half = 0.8 * LINE_INCH, LINE_INCH / 2
     places = [(x + GAP, y + s * up) for s in (1, -1)]
@@ -318,8 +319,12 @@ def _free_box(
     places += [(x - width / 2, y + s * 1.1 * LINE_INCH) for s in (1, -1)]
     places += [(x + 1.6 * GAP, y), (x - 1.6 * GAP - width, y)]
     boxes = [(left, middle - half, left + width, middle + half) for left, middle in places]
-    inside = (b for b in boxes if b[0] > 0 and b[1] > 0 and b[2] < size[0] and b[3] < size[1])
-    return next((b for b in inside if not any(_overlap(b, t) for t in taken)), None)
+    inside = [b for b in boxes if b[0] > 0 and b[1] > 0 and b[2] < size[0] and b[3] < size[1]]
+    return inside or boxes
+
+
+def _first_free(boxes: Sequence[Box], taken: Sequence[Box]) -> Box | None:
+    return next((b for b in boxes if not any(_overlap(b, t) for t in taken)), None)
 
 
 def _overlap(one: Box, other: Box) -> bool:
@@ -327,16 +332,16 @@ def _overlap(one: Box, other: Box) -> bool:
     return not apart
 
 
-def _legend(models: Sequence[str]) -> list[Line2D]:
-    handles = [_mark(short_label(model), model_look(model)) for model in models]
+def _named(number: int, label: str) -> str:
+    return f"{number}  {short_label(label)}"
+
+
+def _other_marks() -> list[Line2D]:
     hollow = _mark(
         "hollow: dominated beyond the intervals", Look(GREY, "o"), markerfacecolor="white"
     )
     steps = Line2D([], [], color=GREY, linestyle=(0, (5, 3)), label="least error within a time")
-    if len(handles) > 3 and len(handles) % 2:
-        # An empty entry keeps the two entries that are no models in a column of their own.
-        handles.append(Line2D([], [], linestyle="none", label=" "))
-    return [*handles, hollow, steps]
+    return [hollow, steps]
 
 
 def _mark(label: str, look: Look, **more: Any) -> Line2D:
