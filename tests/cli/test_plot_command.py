@@ -36,8 +36,8 @@ def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):
     lines = {line.split("  ")[0]: line for line in out.split("\n")}
     assert "dominated by unet, width=8 + hertz" in lines["unet, width=16 + hertz"]
     assert lines["unet, width=32 + hertz"].rstrip().endswith("frontier")
-    assert "Left out: 1 runs that were timed on another machine than 0123456789ab." in out
-    assert "Left out: 1 runs on other sensors." in out
+    assert "Left out: 1 run timed on another machine than 0123456789ab." in out
+    assert "Left out: 1 run on other sensors." in out
     assert Path("f.png").read_bytes().startswith(PNG)
     rows = json.loads(Path("f.json").read_text())
     assert {row["metric"] for row in rows} == {"p90_ms", "gospa1_mm"}
