@@ -361,4 +361,6 @@ def on_word(derived: Derived) -> Sequence[str]:
     words = ["the model", "its training", "weights", "times", "frames and their hashes"]
     if not derived.trained:
         words.append("numbers of training frames")
+    if derived.hidden:
+        words.append("that its hidden seed was still secret")
     return words

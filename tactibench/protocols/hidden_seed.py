@@ -123,6 +123,11 @@ def recorded_seed(
             "runs on published ones are verified."
         )
     secret = published.get("seed")
+    if secret is None and not os.environ.get(VARIABLE):
+        raise UserError(
+            f"the hidden seed with the hash {commitment[:8]} of {protocol.label} is not revealed; "
+            f"only who has it can verify its runs, and gives it in {VARIABLE}."
+        )
     seed = given_seed(protocol) if secret is None else _seed_of(protocol, secret)
     if seed.commitment != commitment:
         place = VARIABLE if secret is None else path.name
