@@ -166,11 +166,7 @@ def _refuse_forms(record: Record, where: str) -> None:
         stated = getattr(identity, key.partition(".")[2])
         if not isinstance(stated, str) or not form.fullmatch(stated):
             raise UserError(f"{where}: {key} is {short(stated)}, which is no such hash.")
-    optional = {
-        "hidden": identity.hidden,
-        "tested": identity.tested,
-        "shots": identity.shots,
-    }
+    optional = {name: getattr(identity, name) for name in ("hidden", "tested", "shots")}
     lists = {"data": identity.data or [], "test_frames": identity.test_frames}
     hashes: list[tuple[str, Any]] = [
         *(
