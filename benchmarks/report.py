@@ -29,7 +29,7 @@ from tactibench.board.predictions import (
 )
 from tactibench.board.shipped import trusted_host
 from tactibench.board.submissions import FOLDER, compact, read_submissions, text_of
-from tactibench.board.truth import Source, test_set
+from tactibench.board.truth import Source, make_test_set
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.files import arrays_hash, write_arrays
 from tactibench.records.record import Record
@@ -48,7 +48,7 @@ def sources(cache: Path) -> Iterator[tuple[Record, Arrays, Arrays]]:
         for record in read_submissions(board, name):
             path = answers_file(board / FOLDER / name / f"{record.name}.json")
             if path.is_file() and record.test_sensor is None:
-                truth = test_set(record, protocol, source, None).truth
+                truth = make_test_set(record, protocol, source, None).truth
                 yield record, split_ranked(read_answers_file(path))[0], truth
 
 

@@ -95,7 +95,7 @@ class TestSet:
     derived: Derived
 
 
-def test_set(
+def make_test_set(
     record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
 ) -> TestSet:
     """Return the test set that a record names, made again.

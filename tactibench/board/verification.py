@@ -36,7 +36,7 @@ from tactibench.board.submissions import (
     refuse_names,
     refuse_partial,
 )
-from tactibench.board.truth import Source, labelled_counts, test_set
+from tactibench.board.truth import Source, labelled_counts, make_test_set
 from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.plugins.alarm import alarm
 from tactibench.protocols.board_spec import board_spec
@@ -192,7 +192,7 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     seed = None
     if record.test_sensor is not None and HIDDEN in record.test_sensor.options:
         seed = recorded_seed(protocol, record.identity.hidden or "", folder)
-    test = test_set(record, protocol, source, seed)
+    test = make_test_set(record, protocol, source, seed)
     truth = test.truth
     times = len(labelled_counts(record, protocol)) or 1
     frames = len(truth["press"]) // times

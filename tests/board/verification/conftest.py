@@ -15,7 +15,7 @@ from tactibench import Contacts, SensorSpec
 from tactibench.board import verification
 from tactibench.board.predictions import answers_file, ranked_errors
 from tactibench.board.submissions import FOLDER, compact, text_of
-from tactibench.board.truth import Source, TestSet, test_set
+from tactibench.board.truth import Source, TestSet, make_test_set
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
 from tactibench.protocols import loader
@@ -65,7 +65,7 @@ def submitted(
     def made(asked: str = "exp1", *, hidden: Any = None, **more: Any) -> Path:
         protocol = mini(asked)
         record = stated(fabricate(asked, encoder=None, **more), protocol)
-        made = test_set(record, protocol, source, hidden)
+        made = make_test_set(record, protocol, source, hidden)
         truth = made.truth
         state(record, made)
         answers = pack_contacts([moved(contacts) for contacts in unpack_contacts(truth)])

@@ -16,7 +16,7 @@ import pytest
 from tactibench import UserError
 from tactibench.board.predictions import answers_file
 from tactibench.board.shipped import trusted_host
-from tactibench.board.truth import Source, test_set
+from tactibench.board.truth import Source, make_test_set
 from tactibench.board.verification import verify
 from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.geometry import true_contacts
@@ -105,7 +105,7 @@ def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
     wanted = split_presses(len(scenes), spec.split, spec.data_seed).test
     record = fabricate("exp1")
     record.sensor.parameters = {}
-    truth = test_set(record, protocol, source, None).truth
+    truth = make_test_set(record, protocol, source, None).truth
     assert truth["press"].tolist() == [f"singles-{row}" for row in wanted]
     for contacts, row in zip(unpack_contacts(truth), wanted, strict=True):
         np.testing.assert_array_equal(contacts.xy, true_contacts(scenes[row]).xy)
