@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from tactibench.board.cost import settled
 from tactibench.board.curve import Curve
 from tactibench.board.frontier import Frontier, Range
 from tactibench.board.hard_cases import family_errors
@@ -21,7 +22,7 @@ JsonRows = list[dict[str, Any]]
 FRONTIER_NOTE = (
     "Range: from the lowest end of the seeds' intervals to the highest; a time is at "
     "least 2 % wide. Dominated: another of the same regime is better on both by more than "
-    "the ranges. Trivial rows are left out."
+    "the ranges. *: the time is not settled. Trivial rows are left out."
 )
 
 
@@ -38,7 +39,7 @@ def frontier_table(frontier: Frontier, error: Ranking) -> Table:
         (
             point.label,
             str(len(point.row.records)),
-            _range(point.latency, significant),
+            _range(point.latency, significant, "" if settled(point.row) else "*"),
             _range(point.error, fixed(error.decimals)),
             frontier.verdict(point),
         )
@@ -78,8 +79,8 @@ def frontier_rows(frontier: Frontier, error: Ranking) -> JsonRows:
     return rows
 
 
-def _range(value: Range, write: Format) -> Number:
-    return Number(value.value, write, (value.low, value.high))
+def _range(value: Range, write: Format, mark: str = "") -> Number:
+    return Number(value.value, write, (value.low, value.high), mark=mark)
 
 
 def curve_steps_table(curves: Sequence[Curve], error: Ranking) -> Table:

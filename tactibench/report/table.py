@@ -83,7 +83,7 @@ class Text:
 
 
 Cell = Number | Text | str | None
-"""What stands in one place of a table; None: there is no value."""
+"""Content of one place of a table; None: there is no value."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from tactibench.contacts import Contacts, Grid
 from tactibench.metrics.threshold import fit_threshold
 from tactibench.protocols.published import load_published, published_means
 from tactibench.records.record import Metric, Record
+from tactibench.report.plot_tables import frontier_table
 from tactibench.report.plots import style
 from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
 from tactibench.report.plots.distance import (
@@ -302,6 +303,20 @@ def test_points_of_a_frontier_are_in_its_key_and_dominated_ones_are_hollow(
         faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
         assert faces.count("white") == len(one.dominated) == 1
     assert panels[0].get_xscale() == panels[0].get_yscale() == "log"
+
+
+def test_a_frontier_marks_times_that_are_not_settled(fabricate: Any) -> None:
+    quiet, busy = (fabricate(settings={"width": w}, error=w / 99, p90_ms=w) for w in (8, 16))
+    for speed in busy.speed:
+        speed.settled = False
+    for records, numbers in (([quiet], ["1"]), ([quiet, busy], ["2", "1*"])):
+        (one,) = frontiers(rows_of(records), ERROR)
+        figure = frontier_figure([one], ERROR)
+        assert [text.get_text() for text in figure.axes[0].texts] == numbers
+        key = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert any("not settled" in text for text in key) == (busy in records)
+        marks = [row[2].mark for row in frontier_table(one, ERROR).rows]
+        assert marks == [number[1:] for number in numbers]
 
 
 def test_off_nominal_panels_stand_beside_the_nominal_ones(fabricate: Any) -> None:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from tactibench.board.cost import settled
 from tactibench.board.frontier import Frontier, Point, Range, elsewhere_frontiers
 from tactibench.board.sections import KINDS, Section
 from tactibench.board.sections import NOMINAL as NOMINAL_KIND
@@ -118,7 +119,8 @@ def frontier_figure(
 
     Panels of one error have the same axes. A model has its colour and marker. Filled marks are not
     dominated, hollow marks are. A number stands beside each point; the key below the panels says
-    which row it is. A row has the same number in all panels.
+    which row it is. A row has the same number in all panels. A star says that its time is not
+    settled.
 
     Args:
         frontiers: One frontier a regime.
@@ -140,7 +142,7 @@ def frontier_figure(
     points = [point for _, frontier in drawn for point in frontier.points]
     models = {point.label: _model(point) for point in points}
     numbers = {label: k for k, label in enumerate(sorted(models), 1)}
-    lines = -(-(len(models) + 2) // COLUMNS)
+    lines = -(-(len(models) + 3) // COLUMNS)
     figure = new_figure(9.5, HEIGHT_INCH * down + 0.7 + KEY_INCH * lines)
     panels = figure.subplots(down, across, squeeze=False)
     size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
@@ -162,8 +164,12 @@ def frontier_figure(
     for axes in panels.flat[max(0, len(drawn) - across) :]:
         axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
-        key = [_mark(_named(numbers[one], one), model_look(models[one])) for one in sorted(models)]
-        legend_below(figure, COLUMNS, [*key, *_other_marks()])
+        key = [
+            _mark(f"{number}  {short_label(label)}", model_look(models[label]))
+            for label, number in numbers.items()
+        ]
+        unsettled = not all(settled(point.row) for point in points)
+        legend_below(figure, COLUMNS, [*key, *_other_marks(unsettled=unsettled)])
     headline(figure, title, measured_on)
     return figure
 
@@ -254,7 +260,7 @@ def _show_numbers(
         for ends in [*_bars(frontier.points), *_steps(frontier.best, axes.get_xlim()[1])]
     ]
     for point, (x, y) in zip(frontier.points, places, strict=True):
-        number = str(numbers[point.label])
+        number = f"{numbers[point.label]}{'' if settled(point.row) else '*'}"
         boxes = _boxes_beside(x, y, LETTER_INCH * len(number), size)
         points = [
             _around(place, GAP if place == (x, y) else STRANGE) for place in places
@@ -332,16 +338,23 @@ def _overlap(one: Box, other: Box) -> bool:
     return not apart
 
 
-def _named(number: int, label: str) -> str:
-    return f"{number}  {short_label(label)}"
+def _other_marks(*, unsettled: bool) -> list[Line2D]:
+    """Return the entries of the key that are no rows.
 
-
-def _other_marks() -> list[Line2D]:
+    Args:
+        unsettled: Whether a time of the picture is not settled.
+    """
     hollow = _mark(
         "hollow: dominated beyond the intervals", Look(GREY, "o"), markerfacecolor="white"
     )
     steps = Line2D([], [], color=GREY, linestyle=(0, (5, 3)), label="least error within a time")
-    return [hollow, steps]
+    star = Line2D(
+        [],
+        [],
+        linestyle="none",
+        label="*  time not settled: drifting, or measured beside other work",
+    )
+    return [hollow, steps, star] if unsettled else [hollow, steps]
 
 
 def _mark(label: str, look: Look, **more: Any) -> Line2D:
