@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from tactibench.board.rows import Row
-from tactibench.records.record import Record
+from tactibench.records.record import Record, SpeedRow
+from tactibench.run.load import Load
 
 
 def by_machine(row: Row) -> list[Row]:
@@ -50,10 +51,18 @@ def machine(record: Record) -> str:
     return record.environment.fingerprint
 
 
+def settled_time(speed: SpeedRow) -> bool:
+    """Return whether a time is settled: its record says so, and others took little meanwhile.
+
+    Records of earlier code say so of one thread, too, beside which a training ran.
+    """
+    return speed.settled and Load(speed.stolen, speed.foreign).quiet is not False
+
+
 def settled(row: Row) -> bool:
     """Return whether the times of a row for single frames on one thread are settled."""
     return all(
-        speed.settled
+        settled_time(speed)
         for record in row.records
         for speed in record.speed
         if (speed.scenario, speed.threads) == ("single", 1)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.cost import settled_time
 from tactibench.protocols.board_spec import BoardSpec
 from tactibench.protocols.published import PublishedTable, rows_for
 from tactibench.records.record import Record, SpeedRow
@@ -96,7 +97,7 @@ def _remarks(record: Record) -> Iterator[tuple[str, str]]:
     unsettled = dict.fromkeys(
         f"{row.scenario} (batch {row.batch}, {plural(row.threads, 'thread')})"
         for row in record.speed
-        if not row.settled
+        if not settled_time(row)
     )
     if unsettled:
         names = ", ".join(unsettled)

@@ -12,7 +12,7 @@ from urllib.parse import quote
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.cost import frames_per_second, latency
+from tactibench.board.cost import frames_per_second, latency, settled_time
 from tactibench.board.placement import Placement, times_bound
 from tactibench.board.ranking import FEWEST_PRESSES, FEWEST_SEEDS
 from tactibench.board.rows import measured_on
@@ -131,7 +131,7 @@ def speed_line(record: Record) -> str:
     rate = frames_per_second(record)
     text = f"speed: frame to contacts, p90, {', '.join(times)}"
     text += "" if rate is None else f", at most {rate:,.0f} frames/s"
-    if all(row.settled for row in record.speed):
+    if all(settled_time(row) for row in record.speed):
         return text
     return f"{text}, not settled: is the machine busy?"
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.cost import settled_time
 from tactibench.records.record import Record, SpeedRow
 from tactibench.report.numbers import fixed, plural
 from tactibench.report.table import Cell, Column, Number, Table, table
@@ -19,7 +20,7 @@ def print_times(console: Console, records: Sequence[Record]) -> None:
     print_table(console, times_table(records))
     for record in records:
         for row in _single(record):
-            if not row.settled:
+            if not settled_time(row):
                 threads = plural(row.threads, "thread")
                 text = f"NOT SETTLED: {record.name}, {threads}: {disturbance(row)}"
                 console.print(Text(text, style="yellow"), soft_wrap=True)
@@ -34,7 +35,9 @@ def times_table(records: Sequence[Record]) -> Table:
             shares = [None if s is None else 100 * s for s in (row.stolen, row.foreign)]
             values = [row.p50_ms, row.p90_ms, processor_share(row), *shares, row.load]
             cells = ["n/a" if v is None else Number(v, fixed(2)) for v in values]
-            rows.append([record.name, str(row.threads), *cells, "yes" if row.settled else "no"])
+            rows.append(
+                [record.name, str(row.threads), *cells, "yes" if settled_time(row) else "no"]
+            )
     return table(["run", "threads", *map(Column, numbers), "settled"], rows)
 
 
@@ -50,7 +53,7 @@ def disturbance(row: SpeedRow) -> str:
         return "processor time was not measured"
     if share < 1 - QUIET:
         return f"the process computed for {100 * share:.0f} % of the time"
-    others = (row.stolen or 0.0) + (row.foreign or 0.0 if row.threads > 1 else 0.0)
+    others = (row.stolen or 0.0) + (row.foreign or 0.0)
     if row.threads == 1 and share > 1 + QUIET:
         return f"the process computed on {share:.1f} threads"
     if others > QUIET:

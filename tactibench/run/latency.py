@@ -5,11 +5,11 @@ successive blocks have medians that differ by less than 2 %. Then every raw time
 processor time of the process. Scoring is never inside a call. The caller sets the number of
 threads; this module only records it.
 
-Times are *settled* when the warm-up ended by itself and the machine was quiet. On one thread that
-means that processor and wall time agree within 10 %: a process that waited has less processor time,
-and one that computed on other threads has more. Several threads wait for each other. With them the
-machine was quiet when other processes and other machines took at most 10 % of the processors, and
-the process computed for at least 90 % of the time.
+Times are *settled* when the warm-up ended by itself and the machine was quiet: other processes and
+other machines took at most 10 % of the processors, and the process computed for at least 90 % of
+the time. On one thread processor and wall time agree within 10 %, as a process that computed on
+other threads has more. That they agree is not enough: a process on the processor beside it takes
+cache, memory and clock rate from it, which makes both times longer.
 """
 
 from __future__ import annotations
@@ -117,14 +117,12 @@ class LatencySample:
         """Return whether no other work disturbed the times, as far as this can be known."""
         if self.cpu_ms is None:
             return False
-        wall, load = float(self.raw_ms.sum()), self.load
+        wall = float(self.raw_ms.sum())
         slack = QUIET * wall + READING_MS * self.raw_ms.size
         more = float(self.cpu_ms.sum()) - wall
-        if more < -slack:
+        if more < -slack or (self.threads == 1 and more > slack):
             return False
-        if self.threads == 1:
-            return more <= slack and (load.stolen or 0.0) <= QUIET
-        return load.quiet is not False
+        return self.load.quiet is not False
 
     @property
     def settled(self) -> bool:

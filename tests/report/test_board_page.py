@@ -175,6 +175,19 @@ def test_efficiency_is_shown_where_it_was_measured(fabricate):
     assert (latency["to float32, mm"], latency["timed as"]) == ("0.0021", "bf16, batch 1")
 
 
+@pytest.mark.parametrize(
+    ("stolen", "foreign", "shown"),
+    [(0.0, 0.09, "6.00"), (0.0, 0.5, "6.00\\*"), (0.2, 0.0, "6.00\\*"), (None, None, "6.00")],
+)
+def test_a_board_judges_the_load_of_a_time_itself(fabricate, stolen, foreign, shown):
+    record = fabricate()
+    for speed in record.speed:
+        speed.stolen, speed.foreign = stolen, foreign
+    (latency,) = tables(made([record]))["Latency"][0]
+    assert all(speed.settled for speed in record.speed)
+    assert latency["p90, ms"] == shown
+
+
 def test_the_commits_are_named_and_changed_code_is_said(fabricate):
     records = [fabricate(seed=seed) for seed in range(3)]
     for record in records[:2]:

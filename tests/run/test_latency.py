@@ -320,18 +320,21 @@ def test_one_thread_is_settled_where_processor_and_wall_time_agree(share, settle
 
 
 @pytest.mark.parametrize(
-    ("share", "foreign_s", "stolen_s", "settled"),
+    ("threads", "share", "foreign_s", "stolen_s", "settled"),
     [
-        (1.0, 0.0, 0.0, True),
-        (1.9, 0.0, 0.0, True),
-        (1.9, 0.19, 0.0, True),
-        (1.9, 0.21, 0.0, False),
-        (1.9, 0.0, 0.21, False),
-        (1.9, 0.11, 0.11, False),
-        (0.8, 0.0, 0.0, False),
+        (2, 1.0, 0.0, 0.0, True),
+        (2, 1.9, 0.0, 0.0, True),
+        (2, 1.9, 0.19, 0.0, True),
+        (2, 1.9, 0.21, 0.0, False),
+        (2, 1.9, 0.0, 0.21, False),
+        (2, 1.9, 0.11, 0.11, False),
+        (2, 0.8, 0.0, 0.0, False),
+        (1, 1.0, 0.19, 0.0, True),
+        (1, 1.0, 1.0, 0.0, False),  # a training on the other processor
+        (1, 1.0, 0.0, 0.21, False),
     ],
 )
-def test_several_threads_are_settled_where_others_took_little(share, foreign_s, stolen_s, settled):
+def test_times_are_settled_where_others_took_little(threads, share, foreign_s, stolen_s, settled):
     """100 calls of 10 ms on two processors: 2 s, of which others may take 0.2."""
     clock = Clock()
     clock.share = share
@@ -342,7 +345,7 @@ def test_several_threads_are_settled_where_others_took_little(share, foreign_s, 
         clock.stolen_s += stolen_s / 100
         return value
 
-    sample = time_calls([("all", disturbed)], [0], threads=2, calls=100, clocks=clock.clocks)
+    sample = time_calls([("all", disturbed)], [0], threads=threads, calls=100, clocks=clock.clocks)
     assert sample.settled is settled
     (row,) = [row for row in sample.rows("single") if row["phase"] == "total"]
     assert row["foreign"] == pytest.approx(foreign_s / 2, abs=1e-9)
