@@ -117,10 +117,16 @@ def fingerprint_hash(facts: dict[str, Any]) -> str:
 
 
 def cpu_of(cpuinfo: str) -> tuple[str | None, list[str]]:
-    """Return model name and flags of the first processor in the text of /proc/cpuinfo."""
+    """Return model and flags of the first processor in the text of /proc/cpuinfo.
+
+    Hypervisors give processors of several generations one name, so the model has its numbers, too.
+    """
     first = next(iter(_processors(cpuinfo)), {})
     flags = set(first.get("flags", "").split())
-    return first.get("model name"), [flag for flag in FLAGS if flag in flags]
+    model = first.get("model name")
+    if model and {"cpu family", "model"} <= first.keys():
+        model = f"{model}, family {first['cpu family']} model {first['model']}"
+    return model, [flag for flag in FLAGS if flag in flags]
 
 
 def physical_cores(cpuinfo: str, cpus: set[int]) -> int | None:

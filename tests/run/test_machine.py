@@ -55,6 +55,9 @@ def test_cpuinfo():
     assert physical_cores(HYPERTHREADED, {0, 1, 2, 3, 4, 5}) == 3
     assert physical_cores(HYPERTHREADED, {0, 2}) == 1  # two threads of one core
     assert cpu_of(ARM) == (None, [])
+    hidden = "processor: 0\ncpu family: 6\nmodel: {}\nmodel name: A Processor\n"
+    models = [cpu_of(hidden.format(number))[0] for number in (143, 207)]
+    assert models == ["A Processor, family 6 model 143", "A Processor, family 6 model 207"]
     assert physical_cores(ARM, {0, 1}) is None
     assert cpu_of("") == (None, [])
 
