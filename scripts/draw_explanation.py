@@ -139,7 +139,7 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
     plain(axes)
     headline(
         figure,
-        "Experiment 2: seeds of one network, timed on one shared machine",
+        "Experiment 2: seeds of one network, timed in turns on a quiet machine",
         "the same arithmetic every time; x: slowest over fastest",
     )
     save_png(figure, path)
