@@ -7,9 +7,9 @@ threads; this module only records it.
 
 Times are *settled* when the warm-up ended by itself and the machine was quiet: other processes and
 other machines took at most 10 % of the processors, and the process computed for at least 90 % of
-the time. On one thread processor and wall time agree within 10 %, as a process that computed on
-other threads has more. That they agree is not enough: a process on the processor beside it takes
-cache, memory and clock rate from it, which makes both times longer.
+the time. On one thread processor and wall time agree within 10 %: a process with more processor
+time computed on other threads. That they agree is not enough, because work on the processor beside
+it takes cache, memory and clock rate from it, which makes both times longer.
 """
 
 from __future__ import annotations

@@ -117,9 +117,10 @@ def fingerprint_hash(facts: dict[str, Any]) -> str:
 
 
 def cpu_of(cpuinfo: str) -> tuple[str | None, list[str]]:
-    """Return model and flags of the first processor in the text of /proc/cpuinfo.
+    """Return name and flags of the first processor in the text of /proc/cpuinfo.
 
-    Hypervisors give processors of several generations one name, so the model has its numbers, too.
+    Hypervisors give processors of several generations one name, so the numbers of family and model
+    stand behind it.
     """
     first = next(iter(_processors(cpuinfo)), {})
     flags = set(first.get("flags", "").split())
