@@ -12,13 +12,13 @@ from urllib.parse import quote
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.cost import frames_per_second, latency, settled_time
+from tactibench.board.cost import settled_time
 from tactibench.board.placement import Placement, times_bound
 from tactibench.board.ranking import FEWEST_PRESSES, FEWEST_SEEDS
 from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import name_of
-from tactibench.records.record import Record
+from tactibench.records.record import Record, SpeedRow
 from tactibench.report.labels import named
 from tactibench.report.numbers import number, plural, significant
 from tactibench.report.run_rows import (
@@ -119,21 +119,20 @@ def misses_line(record: Record) -> str:
 
 
 def speed_line(record: Record) -> str:
-    """Return the time of one frame and the best rate, and whether a time is not settled."""
-    threads = sorted({row.threads for row in record.speed if row.scenario == "single"})
-    times = [
-        f"{number(p90, 2)} ms ({plural(count, 'thread')})"
-        for count in threads
-        if (p90 := latency(record, threads=count)) is not None
-    ]
-    if not times:
+    """Return the time of one frame and the best rate; a star marks one that is not settled."""
+    totals = [row for row in record.speed if row.phase == "total"]
+    single = sorted((r for r in totals if r.scenario == "single"), key=lambda row: row.threads)
+    if not single:
         return "speed: not timed"
-    rate = frames_per_second(record)
+    fastest = max(totals, key=lambda row: row.per_s)
+    times = [f"{number(r.p90_ms, 2)}{_star(r)} ms ({plural(r.threads, 'thread')})" for r in single]
     text = f"speed: frame to contacts, p90, {', '.join(times)}"
-    text += "" if rate is None else f", at most {rate:,.0f} frames/s"
-    if all(settled_time(row) for row in record.speed):
-        return text
-    return f"{text}, not settled: is the machine busy?"
+    text += f", at most {fastest.per_s:,.0f}{_star(fastest)} frames/s"
+    return f"{text} (*: not settled, is the machine busy?)" if "*" in text else text
+
+
+def _star(row: SpeedRow) -> str:
+    return "" if settled_time(row) else "*"
 
 
 def place_line(record: Record, place: Placement | None) -> str:
