@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -317,6 +318,20 @@ def test_a_frontier_marks_times_that_are_not_settled(fabricate: Any) -> None:
         assert any("not settled" in text for text in key) == (busy in records)
         marks = [row[2].mark for row in frontier_table(one, ERROR).rows]
         assert marks == [number[1:] for number in numbers]
+
+
+def test_numbers_of_points_of_almost_one_place_do_not_cover_each_other(fabricate: Any) -> None:
+    crowd = ((0.071, 3.24), (0.070, 3.25), (0.069, 3.26), (0.068, 3.27))
+    places = (*crowd, (0.2, 1.1), (0.007, 5.0))
+    records = [
+        fabricate(settings={"width": 8 * k}, error=error, p90_ms=p90)
+        for k, (error, p90) in enumerate(places, 1)
+    ]
+    figure = frontier_figure(frontiers(rows_of(records), ERROR), ERROR)
+    figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert len(boxes) == len(places)
+    assert not [pair for pair in combinations(boxes, 2) if pair[0].overlaps(pair[1])]
 
 
 def test_off_nominal_panels_stand_beside_the_nominal_ones(fabricate: Any) -> None:

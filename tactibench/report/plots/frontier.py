@@ -265,12 +265,12 @@ def _show_numbers(
         points = [
             _around(place, GAP if place == (x, y) else STRANGE) for place in places
         ]  # a number must not seem to belong to another point
-        # A number across a bar is better than none, and one beside another number, too.
-        box = (
-            _first_free(boxes, [*points, *occupied, *lines])
-            or _first_free(boxes, [*points, *occupied])
-            or boxes[0]
-        )
+        near = [_around(place, GAP) for place in places]
+        # A number across a bar is better than none; one between points of almost one place, which
+        # the key tells apart, than one across another number.
+        tries = ([*points, *occupied, *lines], [*points, *occupied], [*near, *occupied], occupied)
+        free = (_first_free(boxes, taken) for taken in tries)
+        box = next((box for box in free if box is not None), boxes[0])
         occupied.append(box)
         axes.annotate(
             number,
