@@ -53,7 +53,8 @@ def time_runs(
         raise UserError("no run is left to be timed; the lines above say why.")
     speeds = time_models(models, terminal, calls=calls)
     timed = [store_times(model.run, speeds[model.run.record.name]) for model in models]
-    print_times(terminal.out, [run.record for run in timed])
+    earlier = [model.run.record for model in models]
+    print_times(terminal.out, [run.record for run in timed], earlier)
     if board is not None:
         written = [path for run in timed if (path := commit_times(run, board)) is not None]
         terminal.say(f"wrote the times of {len(written)} committed records")

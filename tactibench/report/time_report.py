@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import median
 
 from rich.console import Console
 from rich.text import Text
@@ -15,8 +16,14 @@ from tactibench.report.writers.terminal import print_table
 from tactibench.run.load import QUIET
 
 
-def print_times(console: Console, records: Sequence[Record]) -> None:
-    """Print the times of one frame of all models, and the reasons why some are not settled."""
+def print_times(console: Console, records: Sequence[Record], earlier: Sequence[Record]) -> None:
+    """Print the times of one frame of all models, and the reasons why some are not settled.
+
+    Args:
+        console: Console to print on.
+        records: Records with their new times.
+        earlier: The same records with the times that are replaced.
+    """
     print_table(console, times_table(records))
     for record in records:
         for row in _single(record):
@@ -24,6 +31,35 @@ def print_times(console: Console, records: Sequence[Record]) -> None:
                 threads = plural(row.threads, "thread")
                 text = f"NOT SETTLED: {record.name}, {threads}: {disturbance(row)}"
                 console.print(Text(text, style="yellow"), soft_wrap=True)
+    pairs = zip(earlier, records, strict=True)
+    ratios = [ratio for pair in pairs if (ratio := slowdown(*pair)) is not None]
+    if ratios:
+        console.print(
+            f"processor time of a frame / what it was when last settled: median "
+            f"{median(ratios):.2f}, {min(ratios):.2f} to {max(ratios):.2f}, "
+            f"{plural(len(ratios), 'model')}",
+            soft_wrap=True,
+        )
+    if ratios and abs(median(ratios) - 1) > QUIET:
+        text = (
+            "NOT COMPARABLE: the machine computes faster or slower than then, which no counter "
+            "shows; times of then and now do not belong in one table, so time all runs of a board "
+            "in one job"
+        )
+        console.print(Text(text, style="yellow"), soft_wrap=True)
+
+
+def slowdown(before: Record, after: Record) -> float | None:
+    """Return the processor time of one frame on one thread over what it was before.
+
+    None where it was not settled or not measured, or another configuration was timed.
+    """
+    if before.timed.configuration != after.timed.configuration:
+        return None
+    then, now = (next((r for r in _single(one) if r.threads == 1), None) for one in (before, after))
+    if then is None or now is None or not settled_time(then) or not then.cpu_ms or not now.cpu_ms:
+        return None
+    return now.cpu_ms / then.cpu_ms
 
 
 def times_table(records: Sequence[Record]) -> Table:

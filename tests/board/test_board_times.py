@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from briefly import time_briefly
 from command_line import cli, refused  # noqa: F401 - fixtures
 from few_presses import few_presses
+from rich.console import Console
 
 from tactibench.board import times
 from tactibench.board.submissions import read_submissions
@@ -19,7 +21,7 @@ from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.records.record import Record
 from tactibench.records.store import StoredRun, open_run, stored_runs
-from tactibench.report.time_report import disturbance
+from tactibench.report.time_report import disturbance, print_times, slowdown
 from tactibench.run import load
 from tactibench.run.load import Load
 from tactibench.run.reporter import NullReporter
@@ -174,3 +176,48 @@ def test_times_out_of_order_are_refused(two_runs: list[StoredRun]) -> None:
 def test_what_disturbed_is_said(fabricate: Any, change: dict[str, Any], said: str) -> None:
     row = fabricate(p90_ms=10.0).speed[0].model_copy(update=change)
     assert said in disturbance(row)
+
+
+def timed(fabricate: Any, cpu_ms: float | None, **changes: Any) -> Record:
+    record: Record = fabricate(p90_ms=10.0)
+    for row in record.speed:
+        row.cpu_ms = cpu_ms
+        for name, value in changes.items():
+            setattr(row, name, value)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("then", "now", "expected"),
+    [(4.0, 5.0, 1.25), (4.0, 3.0, 0.75), (None, 5.0, None), (4.0, None, None)],
+)
+def test_a_model_is_its_own_control(
+    fabricate: Any, then: float | None, now: float | None, expected: float | None
+) -> None:
+    assert slowdown(timed(fabricate, then), timed(fabricate, now)) == expected
+    assert slowdown(timed(fabricate, then, foreign=0.4, stolen=0.0), timed(fabricate, now)) is None
+    other = timed(fabricate, now)
+    other.timed.configuration = "float64"
+    assert slowdown(timed(fabricate, then), other) is None
+
+
+@pytest.mark.parametrize(
+    ("now", "said"),
+    [
+        ((10.4, 10.9, 13.0), "median 1.09, 1.04 to 1.30, 3 models"),
+        ((11.5, 11.8, 13.0), "NOT COMPARABLE"),
+        ((8.5, 8.9, 10.0), "NOT COMPARABLE"),
+        ((), ""),
+    ],
+)
+def test_a_machine_of_another_rate_is_told(
+    fabricate: Any, now: tuple[float, ...], said: str
+) -> None:
+    out = StringIO()
+    earlier = [timed(fabricate, 10.0 if now else None)] * max(len(now), 1)
+    later = [timed(fabricate, cpu_ms) for cpu_ms in now or (10.0,)]
+    print_times(Console(file=out, width=300), later, earlier)
+    text = out.getvalue()
+    assert said in text
+    assert ("NOT COMPARABLE" in text) == (said == "NOT COMPARABLE")
+    assert ("when last settled" in text) == bool(now)
