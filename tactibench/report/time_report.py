@@ -35,7 +35,7 @@ def print_times(console: Console, records: Sequence[Record], earlier: Sequence[R
     ratios = [ratio for pair in pairs if (ratio := slowdown(*pair)) is not None]
     if ratios:
         console.print(
-            f"processor time of a frame / what it was when last settled: median "
+            f"processor time of a frame, divided by that of the last settled timing: median "
             f"{median(ratios):.2f}, {min(ratios):.2f} to {max(ratios):.2f}, "
             f"{plural(len(ratios), 'model')}",
             soft_wrap=True,
@@ -50,9 +50,10 @@ def print_times(console: Console, records: Sequence[Record], earlier: Sequence[R
 
 
 def slowdown(before: Record, after: Record) -> float | None:
-    """Return the processor time of one frame on one thread over what it was before.
+    """Return the processor time of one frame on one thread, divided by that of before.
 
-    None where it was not settled or not measured, or another configuration was timed.
+    None where the time of before is not settled, either was not measured, or another configuration
+    was timed.
     """
     if before.timed.configuration != after.timed.configuration:
         return None

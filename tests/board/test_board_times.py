@@ -220,4 +220,4 @@ def test_a_machine_of_another_rate_is_told(
     text = out.getvalue()
     assert said in text
     assert ("NOT COMPARABLE" in text) == (said == "NOT COMPARABLE")
-    assert ("when last settled" in text) == bool(now)
+    assert ("last settled timing" in text) == bool(now)
