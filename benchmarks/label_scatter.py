@@ -39,7 +39,7 @@ from scipy.special import erf
 from tactibench.datasets import open_recording
 from tactibench.datasets.spreads import direction_of, middle_of_spread
 from tactibench.errors import UserError
-from tactibench.frames.division import published_frames
+from tactibench.frames.recorded import published_frames
 from tactibench.markers import Tracker
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.split import split_recorded

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -17,16 +18,19 @@ from tactibench.datasets import (
     ImportOptions,
     Recording,
     RecordingFit,
+    cached_fit,
     cached_report,
+    open_recording,
     own_workspace,
+    plate_scenes,
 )
-from tactibench_recorded.scenes import RecordedPresses, indenter_names, open_presses
 
 _THREADS = min(8, os.cpu_count() or 1)
 _PREFETCH = 8 * _THREADS
 """Frames that are decoded ahead: enough for all threads, few enough for any memory."""
 OFFSET_MM, PIVOT_MM = 5.0, 0.0
-"""Offset and pivot of labels where no parameter gives them."""
+"""Offset and pivot of labels where no parameter gives them. In the Tac-VGNN recordings the labelled
+pose is about 5 mm from first touch; the offset moves all depths of a recording alike."""
 
 
 class RecordedSensor(Sensor):
@@ -36,26 +40,11 @@ class RecordedSensor(Sensor):
     data set. Scenes that it knows (data sets, tables with x_mm, y_mm and depth_mm) are taken as
     they are. Other labels are read as a plate's: depth = depth label + ``depth_offset_mm`` +
     ``pivot_mm`` (1 - cos tilt) + ``pivot_side_mm`` sin tilt, tilt = tilt label. Everything is
-    checked when the sensor is built.
+    checked when the sensor is built. Frames without a scene are left out.
 
     Args:
-        context: Circumstances of the run, with the folder in ``context.data``.
-        depth_offset_mm: Offset of the depth label. The default is the travel of about 5 mm between
-            the labelled pose and first touch in the Tac-VGNN recordings; it moves every depth alike
-            and so changes no error within one recording.
-        pivot_mm: Factor p of the depth above.
-        pivot_side_mm: Factor q of the depth above.
-        fit_side: Whether q is fitted, too, where labels are fitted; it is 0 otherwise.
-        labels: "given": read with these three numbers; "fitted": all three are fitted to the pins,
-            and labels that the pins contradict are refused; "auto": fitted where depths of two
-            sensors are compared (``context.indentation``) and no number is given.
-        depth: Column with the depth label, mm.
-        tilt: Column with the tilt label, deg.
-        frames: Folder of the frames; "auto": the first of the usual folders that is there.
-        split: Name of a split of a data set, which then says what trains, validates and tests.
-        range: Presses that protocols of tips take: "published", those in their published range;
-            "own", all; "auto", all of a flat sensor, otherwise those in the published range.
-        trust_labels: Whether to take labels that the frames contradict; otherwise they are refused.
+        context: Circumstances of the run, with the folder in ``context.data``; ``hooks.py`` tells
+            of the other parameters.
 
     Raises:
         UserError: A file is missing or damaged, or the frames contradict the labels; the message
@@ -92,30 +81,41 @@ class RecordedSensor(Sensor):
         )
         given = (depth_offset_mm, pivot_mm, pivot_side_mm) != (OFFSET_MM, PIVOT_MM, 0.0)
         fit = labels == "fitted" or (labels == "auto" and context.indentation and not given)
-        self._presses = open_presses(context.data, options, fit=fit, fit_side=fit_side, split=split)
-        if not trust_labels:
-            _refuse_contradictions(self._presses, fitted=fit)
-        self._row = {scene: number for number, scene in enumerate(self._presses.scenes)}
-        recording = self._recording
+        recording = open_recording(context.data, ImportOptions(frames=frames))
+        self._recording, self._options = recording, options
+        self._columns = dict(recording.columns)
+        self._label_fit: RecordingFit | None = None
+        scenes: Sequence[Scene | None] = recording.scenes
+        if not any(scenes):
+            scenes = self._read_plates(fit=fit, fit_side=fit_side)
+        self._rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
+        if not self._rows:
+            raise UserError(f"{context.data} has no frame of which it is known what was pressed.")
+        self._scenes = _number_repeated(scene for scene in scenes if scene is not None)
+        self._split = _split_subsets(recording, split) if split else {}
+        if not trust_labels and self._label_fit is None:  # a fit has checked them
+            self._refuse_contradictions()
+        self._number = {scene: number for number, scene in enumerate(self._scenes)}
         self.signal = "channels" if isinstance(recording.kind, ChannelKind) else "image"
         states_radius = recording.dataset is not None or recording.header
         if recording.dome_radius_mm is not None and states_radius:
             self.dome_radius_mm = recording.dome_radius_mm
         if range != "published":
             radius = recording.dome_radius_mm
-            self.workspace = own_workspace(self._presses.scenes, radius, always=range == "own")
+            self.workspace = own_workspace(self._scenes, radius, always=range == "own")
 
     def scenes(self) -> dict[str, Scene]:
         """Return name of a frame -> scene, in the order of the table; no two scenes are equal."""
-        return dict(zip(self._presses.names, self._presses.scenes, strict=True))
+        return dict(zip(self._of_frames(self._recording.names), self._scenes, strict=True))
 
     def presses(self) -> dict[str, str]:
         """Return name of a frame -> name of its press, which frames of one press share."""
-        return dict(zip(self._presses.names, self._presses.presses, strict=True))
+        names, presses = self._recording.names, self._recording.presses
+        return dict(zip(self._of_frames(names), self._of_frames(presses), strict=True))
 
     def split(self) -> Mapping[str, str]:
         """Return name of a frame -> subset of the split; {} without a split."""
-        return self._presses.subsets
+        return self._split
 
     def rest(self) -> Frame:
         """Return the undeformed sensor.
@@ -159,13 +159,13 @@ class RecordedSensor(Sensor):
 
     def describe(self) -> dict[str, Any]:
         """Return the facts that determine the frames; the path of the folder is none of them."""
-        recording, options = self._recording, self._presses.options
+        recording, options = self._recording, self._options
         rest = None if recording.rest is None else recording.rest.name
         if recording.estimated_rest is not None:
             rest = "estimated from the least pressed frames"
         if recording.dataset is not None and self._rest_signal is not None:
             rest = "rest"
-        aside, fit = options.pivot_side_mm, self._presses.label_fit
+        aside, fit = options.pivot_side_mm, self._label_fit
         origin = {} if recording.dataset is None else recording.dataset.header.sensor
         return {
             "format": recording.format,
@@ -174,48 +174,78 @@ class RecordedSensor(Sensor):
             "sha256": recording.sha256,
             **({"recorded_with": origin["name"]} if "name" in origin else {}),
             **({"origin": "simulated"} if origin.get("origin") == "simulated" else {}),
-            "count": len(self._presses.scenes),
+            "count": len(self._scenes),
             **_described_kind(recording),
             "rest": rest,
-            "columns": dict(self._presses.columns),
+            "columns": dict(self._columns),
             "depth_offset_mm": float(options.offset_mm),
             "pivot_mm": float(options.pivot_mm),
             **({"pivot_side_mm": float(aside)} if aside else {}),
             **({} if fit is None else {"label_fit": _described(fit)}),
         }
 
-    @property
-    def _recording(self) -> Recording:
-        return self._presses.recording
-
     @cached_property
     def _rest_signal(self) -> npt.NDArray[Any] | None:
         return self._recording.rest_signal()
 
     def _frame(self, number: int) -> Frame:
-        signal = self._recording.signal(self._presses.rows[number])
-        return Frame(signal, float(number), self._presses.scenes[number].pose, self._rest_signal)
+        signal = self._recording.signal(self._rows[number])
+        return Frame(signal, float(number), self._scenes[number].pose, self._rest_signal)
 
     def _find(self, scene: Scene) -> int:
-        number = self._row.get(scene)
+        number = self._number.get(scene)
         if number is None:
-            raise UserError(_not_recorded(self._presses, scene))
+            raise UserError(self._not_recorded(scene))
         return number
 
+    def _of_frames(self, values: Sequence[str]) -> list[str]:
+        """Return what the frames with a scene have, of the values of all rows."""
+        return [values[row] for row in self._rows]
 
-def _refuse_contradictions(presses: RecordedPresses, *, fitted: bool) -> None:
-    """Raise UserError where the frames contradict the labels, unless a fit has checked them."""
-    if fitted and presses.label_fit is not None:
-        return
-    scenes: list[Scene | None] = [None] * len(presses.recording)
-    for row, scene in zip(presses.rows, presses.scenes, strict=True):
-        scenes[row] = scene
-    wrong = cached_report(presses.recording, scenes, presses.options).contradictions
-    if wrong:
-        raise UserError(
-            f"the frames of {presses.recording.folder} contradict the labels: {wrong[0]}. Correct "
-            "the table or the parameters of the import; if the labels are right, run with --param "
-            "sensor.trust_labels=yes, which the row will show."
+    def _read_plates(self, *, fit: bool, fit_side: bool) -> Sequence[Scene]:
+        """Return the scenes of labels that are a plate's; columns and options become those read.
+
+        Args:
+            fit: Whether to take the labels' offset and pivot from the pins instead.
+            fit_side: Whether q is fitted, too; it is 0 otherwise.
+        """
+        if fit:
+            self._label_fit = cached_fit(self._recording, self._options, side=fit_side)
+            pivot = self._label_fit.pivot
+            self._options = replace(
+                self._options,
+                offset_mm=pivot.offset_mm,
+                pivot_mm=pivot.pivot_mm,
+                pivot_side_mm=pivot.side_mm,
+            )
+        scenes, roles = plate_scenes(self._recording, self._options)
+        self._columns |= roles
+        return scenes
+
+    def _refuse_contradictions(self) -> None:
+        """Raise UserError where the frames contradict the labels."""
+        scenes: list[Scene | None] = [None] * len(self._recording)
+        for row, scene in zip(self._rows, self._scenes, strict=True):
+            scenes[row] = scene
+        wrong = cached_report(self._recording, scenes, self._options).contradictions
+        if wrong:
+            raise UserError(
+                f"the frames of {self._recording.folder} contradict the labels: {wrong[0]}. "
+                "Correct the table or the parameters of the import; if the labels are right, run "
+                "with --param sensor.trust_labels=yes, which the row will show."
+            )
+
+    def _not_recorded(self, scene: Scene) -> str:
+        poses, pose = [scene.pose for scene in self._scenes], scene.pose
+        depth, tilt = [pose.depth for pose in poses], [pose.tilt for pose in poses]
+        kinds = sorted({scene.indenter.name.partition(" #")[0] for scene in self._scenes})
+        content = "plate presses" if kinds == ["plate"] else f"presses by {', '.join(kinds)}"
+        return (
+            f"{self._recording.folder} is a recording of {len(poses):,} {content} "
+            f"(depth {min(depth):.2f} to {max(depth):.2f} mm, tilt {min(tilt):.1f} to "
+            f"{max(tilt):.1f} deg) and has no press of {scene.indenter.name!r} at x {pose.x:g} mm, "
+            f"y {pose.y:g} mm, depth {pose.depth:g} mm, tilt {pose.tilt:g} deg; use it with a "
+            "protocol that takes its own presses, as 'surface' does."
         )
 
 
@@ -239,15 +269,40 @@ def _described(fit: RecordingFit) -> dict[str, Any]:
     }
 
 
-def _not_recorded(presses: RecordedPresses, scene: Scene) -> str:
-    poses, pose = [scene.pose for scene in presses.scenes], scene.pose
-    depth, tilt = [pose.depth for pose in poses], [pose.tilt for pose in poses]
-    kinds = indenter_names(presses.scenes)
-    content = "plate presses" if kinds == ["plate"] else f"presses by {', '.join(kinds)}"
-    return (
-        f"{presses.recording.folder} is a recording of {len(poses):,} {content} "
-        f"(depth {min(depth):.2f} to {max(depth):.2f} mm, tilt {min(tilt):.1f} to {max(tilt):.1f} "
-        f"deg) and has no press of {scene.indenter.name!r} at x {pose.x:g} mm, y {pose.y:g} mm, "
-        f"depth {pose.depth:g} mm, tilt {pose.tilt:g} deg; use it with a protocol that takes its "
-        "own presses, as 'surface' does."
-    )
+def _split_subsets(recording: Recording, name: str) -> dict[str, str]:
+    """Return name of a frame -> subset of the split of that name.
+
+    Raises:
+        UserError: The recording has no such split.
+    """
+    splits = {} if recording.dataset is None else recording.dataset.splits
+    if recording.dataset is None or name not in splits:
+        others = f"; it has {', '.join(splits)}" if splits else ""
+        raise UserError(
+            f"{recording.folder} has no splits/{name}.json{others}; leave --param sensor.split out "
+            "to divide as the protocol says."
+        )
+    subset_of = splits[name].subset_of()
+    ids = [recording.dataset.samples[row].id for row in recording.rows]
+    return {
+        frame: subset_of[number]
+        for frame, number in zip(recording.names, ids, strict=True)
+        if number in subset_of
+    }
+
+
+def _number_repeated(scenes: Iterable[Scene]) -> tuple[Scene, ...]:
+    """Return the scenes with the indenters of repeated presses named 'plate #2', 'plate #3' ....
+
+    Every frame then has a scene of its own, by which it can be found.
+    """
+    times: Counter[Scene] = Counter()
+    numbered = []
+    for scene in scenes:
+        times[scene] += 1
+        if times[scene] > 1:
+            name = f"{scene.indenter.name} #{times[scene]}"
+            numbered.append(replace(scene, indenter=replace(scene.indenter, name=name)))
+        else:
+            numbered.append(scene)
+    return tuple(numbered)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,8 @@ from tactibench.datasets.readers.options import (
     read_options,
 )
 from tactibench.datasets.readers.table import FloatArray, Table, read_table
-from tactibench.datasets.tips import named
+from tactibench.datasets.readers.vectors import read_label_table
+from tactibench.datasets.tips import is_number, named, texts
 from tactibench.errors import UserError
 from tactibench.png import read_file
 from tactibench.records.files import atomic
@@ -44,6 +45,8 @@ _PIXELS = {"px"}
 """Words that are a unit, unless the name begins with them: px, py are also places."""
 _UNITS = {**dict.fromkeys(MM_PER), "micron": "um", "microns": "um", "millimetre": "mm"}
 _TURNS = {"deg", "rad", "degree", "degrees", "radian", "radians"}
+_MAY_BE_NUMBER = {"spacing", "yaw"}
+"""Roles for which one number may stand in place of a column."""
 _FEWEST_PRESSES = 30
 """A column with fewer different names holds numbers of repeats, or sessions, and no presses."""
 _FAR_MM = 20.0
@@ -127,10 +130,10 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     if not folder.is_dir():
         raise UserError(f"{folder} is no folder; give the one that holds the table.")
     given = dict(text.partition("=")[::2] for text in params)
-    read_options(params)  # an unknown option is named before anything is written
+    known = read_options(params)  # an unknown option is named before anything is written
     remarks: dict[str, str] = {}
-    if "channels" in given:
-        table, column = _find_labels(folder, given), ""
+    if known.channels:
+        table, column = read_label_table(folder, known)[0], ""
         options = {"table": table.path.name, "surface": "flat"}
         remarks["surface"] = "no table says it; remove the line if a dome is pressed"
     else:
@@ -141,7 +144,10 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     numeric = [n for n in table.columns if n != column and _is_numeric(table, n)]
     columns = {role: _columns_of(role, numeric) for role in _WORDS if role != "press"}
     for role in columns.keys() & given:
-        columns[role] = [table.column(name) for name in named(given[role])]
+        columns[role] = [
+            name if role in _MAY_BE_NUMBER and is_number(name) else table.column(name)
+            for name in named(given[role])
+        ]
     missing = [role for role in ("x", "y", "depth") if not columns[role]]
     if missing:
         raise UserError(
@@ -172,11 +178,12 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     if press and len(set(table.cells[press[0]])) >= _FEWEST_PRESSES:
         options["press"] = press[0]
         remarks["press"] = "frames of one press train or test, never both"
+    options |= given  # before units and zeros are guessed: they depend on what is known
     _guess_units(options, remarks, table)
-    _guess_zeros(options, remarks, table)
-    options["radius_mm"] = "3.0"
+    _guess_zeros(options, remarks, table, is_signed="depth" in given)
+    options.setdefault("radius_mm", "3.0")
     remarks["radius_mm"] = "of the tip; no table says it"
-    return Guess({**options, **given}, {k: v for k, v in remarks.items() if k not in given})
+    return Guess(options, {k: v for k, v in remarks.items() if k not in given})
 
 
 def _words(name: str) -> list[str]:
@@ -214,63 +221,66 @@ def _numbered(names: Sequence[str], words: Sequence[str]) -> list[str]:
 
 def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
     """Guess units from names, or from values that are too small for mm or degrees."""
-    places = options["x"].split(",") + options["y"].split(",")
+    places = named(options["x"]) + named(options["y"])
     units = {u for n in places for u in _words(n)[1:] if u in _UNITS}
     if units:
         unit = sorted(units)[0]
-        options["unit"] = _UNITS[unit] or unit
-    else:
-        largest = max(float(np.nanmax(np.abs(_values(table, name)))) for name in places)
+        options.setdefault("unit", _UNITS[unit] or unit)
+    elif "unit" not in options:
+        largest = float(np.nanmax(np.abs(_values(table, places))))
         if largest < 0.1:  # 100 um across: no sensor of this kind is so small
             options["unit"] = "m"
             remarks["unit"] = f"places reach only {largest:g}"
         else:
             remarks["x"] = "; ".join(filter(None, [remarks.get("x", ""), "taken as mm"]))
-    if "yaw" in options:
+    if "yaw" in options and "angles" not in options and not is_number(options["yaw"]):
         words = set(_words(options["yaw"]))
-        largest = float(np.nanmax(np.abs(_values(table, options["yaw"]))))
+        largest = float(np.nanmax(np.abs(_values(table, texts(options["yaw"])))))
         if words & {"rad", "radian", "radians"} or (not words & _TURNS and largest <= 6.3):
             options["angles"] = "rad"
             remarks["angles"] = f"turns reach {largest:.3g}"
 
 
-def _guess_zeros(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
-    """Guess the zeros of places that never reach 0, and the sign and the zero of depths."""
+def _guess_zeros(
+    options: dict[str, str], remarks: dict[str, str], table: Table, *, is_signed: bool
+) -> None:
+    """Guess the zeros of places that never reach 0, and the sign and the zero of depths.
+
+    Args:
+        options: Option -> value; zeros that are there stay.
+        remarks: Option -> source of the value.
+        table: The labels.
+        is_signed: Whether the sign of the depth is known.
+    """
     factor = MM_PER[options.get("unit", "mm")]
-    for axis in "xy":
-        values = factor * np.concatenate([_values(table, n) for n in options[axis].split(",")])
+    for axis in "xy":  # a zero is that of the column as it stands, also where it is negated
+        values = factor * _values(table, named(options[axis]))
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        if low > 0 or high < 0:
+        if (low > 0 or high < 0) and f"{axis}_zero_mm" not in options:
             middle = (low + high) / 2
             options[f"{axis}_zero_mm"] = f"{middle:.6g}"
             remarks[f"{axis}_zero_mm"] = f"the middle of {low:.4g} to {high:.4g} mm: check it"
-    names = options["depth"].split(",")
-    values = factor * np.concatenate([_values(table, name) for name in names])
-    if float(np.nanmedian(values)) < 0:
+    names = texts(options["depth"])
+    values = factor * _values(table, names)
+    if not is_signed and float(np.nanmedian(values)) < 0:
         options["depth"] = ",".join(f"-{name}" for name in names)
         remarks["depth"] = "negative values are taken as deeper"
         values = -values
     low = float(np.nanmin(values))
-    if low > _FAR_MM or low < 0:
+    if (low > _FAR_MM or low < 0) and "offset_mm" not in options:
         options["offset_mm"] = f"{-low:.6g}"
         remarks["offset_mm"] = "the shallowest is taken as first touch: check it"
 
 
-def _values(table: Table, name: str) -> FloatArray:
-    return table.numbers(name.removeprefix("-"), allow_empty=True)
-
-
-def _find_labels(folder: Path, known: Mapping[str, str]) -> Table:
-    """Return the table of labels beside a table of channels."""
-    names = [known["table"]] if "table" in known else [p.name for p in folder.glob("*.csv")]
-    others = sorted(name for name in names if name != known["channels"])
-    if len(others) != 1 or not (folder / others[0]).is_file():
-        files = ", ".join(others) or "no other CSV file"
-        raise UserError(
-            f"{folder} holds {files} beside the channels {known['channels']}; name the table of "
-            "labels with --param table=FILE."
-        )
-    return read_table(folder / others[0], read_file(folder / others[0]))
+def _values(table: Table, columns: Iterable[str]) -> FloatArray:
+    """Return the values of all columns, negated where a name begins with '-'."""
+    return np.concatenate(
+        [
+            (-1.0 if name.startswith("-") else 1.0)
+            * table.numbers(name.removeprefix("-"), allow_empty=True)
+            for name in columns
+        ]
+    )
 
 
 def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:

@@ -23,8 +23,8 @@ from tactibench.errors import UserError
 from tactibench.png import read_file
 from tactibench.protocols.mistakes import first_mistake
 
-_POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
-_MOVE = ("dx_mm", "dy_mm", "dyaw_deg")
+POSE_KEYS = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
+MOVE_KEYS = ("dx_mm", "dy_mm", "dyaw_deg")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class SceneKeys:
         Raises:
             UserError: A key of the scene is missing, or its indenter cannot exist.
         """
-        values = {key: getattr(self, key) for key in _POSE}
+        values = {key: getattr(self, key) for key in POSE_KEYS}
         moves = (self.dx_mm, self.dy_mm, self.dyaw_deg)
         if self.indenter is None:
             if any(value is not None for value in (*values.values(), *moves)):
@@ -86,7 +86,7 @@ def scene_keys(scene: Scene) -> dict[str, Any]:
         "tilt_deg": float(pose.tilt),
         "depth_mm": float(pose.depth),
         **(
-            dict(zip(_MOVE, map(float, (pose.dx, pose.dy, pose.dyaw)), strict=True))
+            dict(zip(MOVE_KEYS, map(float, (pose.dx, pose.dy, pose.dyaw)), strict=True))
             if pose.moved
             else {}
         ),

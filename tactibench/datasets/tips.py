@@ -20,10 +20,11 @@ TIP_COUNT = {SINGLE: 1, DUAL: 2, TRIPLE: 3}
 
 def named(text: str) -> list[str]:
     """Return the names in a list with commas, without the '-' of a negated column."""
-    return [name.removeprefix("-") for name in _texts(text)]
+    return [name.removeprefix("-") for name in texts(text)]
 
 
-def _texts(text: str) -> list[str]:
+def texts(text: str) -> list[str]:
+    """Return the columns or numbers in a list with commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -124,9 +125,9 @@ def tip_scenes(
     def place(text: str, zero: float) -> FloatArray:
         return column(text, scale) - (-zero if text.startswith("-") else zero)
 
-    x = np.column_stack([place(text, options.x_zero_mm) for text in _texts(columns["x"])])
-    y = np.column_stack([place(text, options.y_zero_mm) for text in _texts(columns["y"])])
-    depth = np.column_stack([column(text, scale) for text in _texts(columns["depth"])])
+    x = np.column_stack([place(text, options.x_zero_mm) for text in texts(columns["x"])])
+    y = np.column_stack([place(text, options.y_zero_mm) for text in texts(columns["y"])])
+    depth = np.column_stack([column(text, scale) for text in texts(columns["depth"])])
     depth += options.offset_mm
     if indenter == TIPS:
         return tuple(
@@ -142,7 +143,7 @@ def tip_scenes(
     yaw = column(columns["yaw"], float(turn))
     heights = np.zeros((count, TIP_COUNT[indenter]))
     if "heights" in columns:
-        heights = np.column_stack([column(text, scale) for text in _texts(columns["heights"])])
+        heights = np.column_stack([column(text, scale) for text in texts(columns["heights"])])
     scenes = []
     for row in range(count):
         px, py, _, d = poses[row].tolist()

@@ -10,7 +10,7 @@ its own split instead.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from tactibench.contacts import Scene
 from tactibench.protocols.draws import SAME_MM, fits
 from tactibench.protocols.schema import Draw, Protocol, Split, Workspace
-from tactibench.protocols.split import SPLIT_STREAM
+from tactibench.protocols.split import permutation
 
 Rows = dict[str, list[int]]
 """Draw -> rows of the recording."""
@@ -96,7 +96,9 @@ def match(
         ]
         for name in needed
     }
-    order = _shuffled_order(sorted(set(presses)), protocol.data_seed)
+    names = sorted(set(presses))
+    places = permutation(len(names), protocol.data_seed)
+    order = dict(zip(names, places.tolist(), strict=True))
 
     def share(name: str, low: float, high: float, part: str) -> list[int]:
         """Return the rows whose press lies in a share of the pool's presses, or in a part.
@@ -171,10 +173,3 @@ def _edge(share: float, count: int) -> int:
     """
     inside = 0 < share < 1
     return min(max(round(share * count), int(inside)), count)
-
-
-def _shuffled_order(presses: Sequence[str], data_seed: int) -> Mapping[str, int]:
-    """Return press -> place in a seeded permutation."""
-    seed = np.random.SeedSequence(data_seed, spawn_key=(SPLIT_STREAM,))
-    places = np.random.default_rng(seed).permutation(len(presses))
-    return dict(zip(presses, places.tolist(), strict=True))

@@ -13,12 +13,6 @@ import numpy as np
 
 from tactibench.contacts import Frame, Scene
 from tactibench.errors import UserError
-from tactibench.frames.division import (
-    Division,
-    divide_by_parts,
-    published_frames,
-    refuse_shared_presses,
-)
 from tactibench.frames.matching import Match, describe_draw, describe_range, match
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
@@ -38,8 +32,9 @@ from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.draws import pressable
 from tactibench.protocols.families import RECORDED
+from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
-from tactibench.protocols.split import split_recorded
+from tactibench.protocols.split import PressSplit, split_recorded
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.identity import digest
 
@@ -224,7 +219,7 @@ class RecordedFrames(FrameSource):
         """Return the test frames, or as many as the request asks for."""
         return (self._test(divide(self.spec, self.recording, self._published)),)
 
-    def _test(self, division: Division) -> FrameSet:
+    def _test(self, division: PressSplit) -> FrameSet:
         rows = spread(division.test, self.request.test_count)
         return self.recording.frame_set("test", RECORDED, rows)
 
@@ -290,7 +285,7 @@ def recorded_source(request: FrameRequest) -> FrameSource:
 
 
 def training_sets(
-    request: FrameRequest, recording: Recording, division: Division
+    request: FrameRequest, recording: Recording, division: PressSplit
 ) -> tuple[Sets, Sets]:
     """Return the frame sets that train and those that validate.
 
@@ -310,7 +305,7 @@ def training_sets(
 
 def divide(
     spec: Protocol, recording: Recording, published: tuple[str, ...] | None = None
-) -> Division:
+) -> PressSplit:
     """Return the rows that train, validate and test; frames of one press are in one part.
 
     Args:
@@ -324,20 +319,67 @@ def divide(
     assert spec.recorded is not None  # noqa: S101 - the caller looked
     if recording.parts is not None:
         return divide_by_parts(recording.parts, recording.presses)
-    units = recording.names if published else tuple(dict.fromkeys(recording.presses))
-    owners = recording.names if published else recording.presses
     rows: dict[str, list[int]] = {}
-    for row, unit in enumerate(owners):
+    for row, unit in enumerate(recording.names if published else recording.presses):
         rows.setdefault(unit, []).append(row)
+    units = tuple(rows)
     split = split_recorded(units, spec.recorded, spec.data_seed, published)
-    division = Division(
-        *(
-            tuple(row for unit in part for row in rows[units[unit]])
-            for part in (split.fit, split.validation, split.test)
-        )
+    division = PressSplit(
+        *(tuple(row for unit in part for row in rows[units[unit]]) for part in split)
     )
     refuse_shared_presses(recording.presses, division)
     return division
+
+
+def divide_by_parts(parts: Sequence[str], presses: Sequence[str]) -> PressSplit:
+    """Return the rows of the parts "train", "validation" and "test" of a recording's own split.
+
+    Raises:
+        UserError: A part has no frames, or a press is in two parts.
+    """
+    names = ("train", "validation", "test")
+    division = PressSplit(
+        *(tuple(row for row, part in enumerate(parts) if part == name) for name in names)
+    )
+    for name, rows in zip(names, division, strict=True):
+        if not rows:
+            raise UserError(
+                f"the recording's split has no frames that this protocol can take in its part "
+                f"{name!r}; give it some, or leave --param sensor.split out."
+            )
+    refuse_shared_presses(presses, division)
+    return division
+
+
+def published_frames(
+    protocol: LoadedProtocol, names: Sequence[str], image: list[int] | None
+) -> tuple[str, ...] | None:
+    """Return the names of the published test frames; None where a recording is another one.
+
+    The recording must hold all of them and more, at their size.
+
+    Args:
+        protocol: The protocol, which lists the published test frames.
+        names: Names of the recording's frames.
+        image: Height and width of its frames, px; None: not known.
+    """
+    published, recorded = protocol.test_frames, protocol.spec.recorded
+    if not published or recorded is None or recorded.test_frames_size is None or image is None:
+        return None
+    same = set(published) < set(names) and tuple(image) == recorded.test_frames_size
+    return published if same else None
+
+
+def refuse_shared_presses(presses: Sequence[str], division: PressSplit) -> None:
+    """Raise UserError when frames of one press are in two parts: the test would not be fair."""
+    part_of: dict[str, int] = {}
+    for number, rows in enumerate(division):
+        for row in rows:
+            if part_of.setdefault(presses[row], number) != number:
+                raise UserError(
+                    f"frames of press {presses[row]!r} are in two parts of the split; a press "
+                    "trains or tests, never both: divide the data set by press."
+                )
 
 
 def _lacking(folder: Path | None, spec: Protocol, recording: Recording, matched: Match) -> str:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from tactibench.errors import UserError
-from tactibench.frames.division import Division
 from tactibench.frames.drawn_presses import FEW_SHOT, SensorFrames
 from tactibench.frames.recorded import Recording, Sets, divide, training_sets
 from tactibench.frames.source import (
@@ -24,7 +23,7 @@ from tactibench.frames.source import (
 )
 from tactibench.protocols.draws import draw_plates, draw_shots
 from tactibench.protocols.families import RECORDED
-from tactibench.protocols.split import FIT, VALIDATION
+from tactibench.protocols.split import FIT, VALIDATION, PressSplit
 
 PLATES = "plates"
 MOST_AWAY_DEG = 45.0
@@ -105,7 +104,7 @@ class TransferFrames(FrameSource):
         return self.target.frame_set("few-shot", FEW_SHOT, rows)
 
     @cached_property
-    def _division(self) -> Division:
+    def _division(self) -> PressSplit:
         return divide(self.spec, self.target)
 
     @cached_property

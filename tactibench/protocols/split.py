@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +20,8 @@ CHUNK = 250
 interruption. Another number would make other frames."""
 
 
-@dataclass(frozen=True)
-class PressSplit:
-    """Indices of the presses of each part, sorted."""
+class PressSplit(NamedTuple):
+    """Indices of the presses that train, validate and test."""
 
     fit: tuple[int, ...]
     validation: tuple[int, ...]
@@ -31,7 +30,7 @@ class PressSplit:
 
 def split_presses(count: int, split: Split, data_seed: int) -> PressSplit:
     """Divide ``count`` drawn presses by a seeded permutation."""
-    order = _permutation(count, data_seed)
+    order = permutation(count, data_seed)
     return _parts(order, split.test, split.validation)
 
 
@@ -54,12 +53,12 @@ def split_recorded(
         index = {name: i for i, name in enumerate(names)}
         test = [index[name] for name in published]
         left = sorted(set(range(len(names))) - set(test))
-        order = np.array(left, dtype=np.int64)[_permutation(len(left), data_seed)]
+        order = np.array(left, dtype=np.int64)[permutation(len(left), data_seed)]
         parts = _parts(order, 0, round(spec.validation_share * len(left)))
         return _trainable(PressSplit(parts.fit, parts.validation, tuple(sorted(test))), len(names))
     test_count = round(spec.test_share * len(names))
     validation = round(spec.validation_share * (len(names) - test_count))
-    order = _permutation(len(names), data_seed)
+    order = permutation(len(names), data_seed)
     return _trainable(_parts(order, test_count, validation), len(names))
 
 
@@ -73,7 +72,8 @@ def _trainable(parts: PressSplit, count: int) -> PressSplit:
     return parts
 
 
-def _permutation(count: int, data_seed: int) -> npt.NDArray[np.int64]:
+def permutation(count: int, data_seed: int) -> npt.NDArray[np.int64]:
+    """Return the seeded order, (count,), in which presses are divided."""
     seed = np.random.SeedSequence(data_seed, spawn_key=(SPLIT_STREAM,))
     return np.random.default_rng(seed).permutation(count)
 

@@ -86,6 +86,7 @@ def test_rows_in_another_order_are_joined_by_time(tmp_path: Path) -> None:
         ([10.0, 10.5, 11.0], {"channels": "../field.csv"}, "lies outside"),
         ([10.0, 10.5, 11.0], {"depth": "depth"}, "has no column depth"),
         ([10.0, 10.5, 11.0], {"channel_columns": "a,d"}, "has no column d"),
+        ([10.0, 10.5, 11.0], {"channels": "times.csv"}, "holds no channels"),
     ],
 )
 def test_what_does_not_fit_is_one_sentence(
@@ -93,8 +94,9 @@ def test_what_does_not_fit_is_one_sentence(
 ) -> None:
     folder = folder_of(tmp_path, times)
     (tmp_path / "field.csv").write_text("a\n1\n")
+    (folder / "times.csv").write_text("t\n10\n")
     with pytest.raises(UserError, match=says):
-        import_folder(folder, tmp_path / "set", options(**given))
+        import_folder(folder, tmp_path / "set", options(table="labels.csv", **given))
     assert not (tmp_path / "set").exists()
 
 
@@ -148,9 +150,29 @@ def test_archives_of_numpy(tmp_path: Path) -> None:
     assert np.array_equal(recording.signal(0), taxels[2])
     dataset = import_folder(recording, tmp_path / "set", given)
     assert np.array_equal(dataset.signal(dataset.samples[0]), taxels[2])
-    np.savez(folder / "taxels.npz", t=np.array([object()]))
-    with pytest.raises(UserError, match="holds no arrays of numbers"):
-        open_recording(folder, given)
+    guess = guess_mapping(folder, ["channels=taxels.npz", "table=labels.npz", "depth=-z"])
+    assert (guess.options["x"], guess.options["offset_mm"]) == ("x", "143.5")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "join", "says"),
+    [
+        ({"t": np.array([object()])}, "t", "holds no arrays of numbers"),
+        ({}, "", "holds no channels"),
+        ({}, "t", "has no array 't'; it has none"),
+        ({"t": LABELS[:, 0]}, "t", "holds no channels"),
+        ({"t": LABELS[:, 0]}, "", r"holds an array of shape \(3,\)"),
+        ({"t": np.arange(5.0), "v": np.ones((3, 2))}, "t", r"times 't', of shape \(5,\)"),
+        ({"t": np.array([10.0, np.nan, 11]), "v": np.ones((3, 2))}, "t", "finite number"),
+    ],
+)
+def test_archives_that_hold_no_channels(
+    tmp_path: Path, arrays: dict[str, np.ndarray], join: str, says: str
+) -> None:
+    folder = folder_of(tmp_path)
+    np.savez(folder / "taxels.npz", **arrays)
+    with pytest.raises(UserError, match=says):
+        open_recording(folder, options(table="labels.csv", channels="taxels.npz", join=join))
 
 
 def places(tmp_path: Path, points: np.ndarray) -> tuple[str, ...]:
@@ -194,7 +216,7 @@ def test_columns_beside_channels_are_guessed(tmp_path: Path) -> None:
     mapping = tmp_path / "skin.toml"
     write_mapping(mapping, guess)
     assert len(open_recording(folder, read_mapping(mapping))) == 9
-    with pytest.raises(UserError, match=r"no other CSV file beside the channels field\.csv"):
+    with pytest.raises(UserError, match="has no column that looks like x or y or depth"):
         guess_mapping(folder, ["channels=field.csv", "table=field.csv"])
     with pytest.raises(UserError, match="--param channels=FILE"):
         guess_mapping(folder)

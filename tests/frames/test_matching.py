@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.frames.division import divide_by_parts
 from tactibench.frames.matching import could_be_drawn, match
+from tactibench.frames.recorded import divide_by_parts
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
 

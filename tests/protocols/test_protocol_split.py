@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import SensorContext, UserError
-from tactibench.frames.division import published_frames
+from tactibench.frames.recorded import published_frames
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Recorded, Split
 from tactibench.protocols.split import PressSplit, split_presses, split_recorded

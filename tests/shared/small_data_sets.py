@@ -100,7 +100,8 @@ def scene_of(row: Mapping[str, Any]) -> Scene | None:
         return None
     radius = row.get("indenter_radius_mm")
     offsets: Any = tuple(tuple(offset) for offset in row["indenter_offsets_mm"])
-    pose = Pose(row["x_mm"], row["y_mm"], row["yaw_deg"], row["tilt_deg"], row["depth_mm"])
+    keys = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm", "dx_mm", "dy_mm", "dyaw_deg")
+    pose = Pose(*(row.get(key) or 0.0 for key in keys))
     return Scene(Indenter(math.inf if radius is None else radius, offsets, row["indenter"]), pose)
 
 
@@ -125,7 +126,9 @@ scenes = st.builds(
     Scene,
     indenters,
     st.builds(
-        Pose, _millimetres, _millimetres, st.floats(-360, 360), st.floats(-20, 20), st.floats(-1, 6)
+        Pose,
+        *(_millimetres, _millimetres, st.floats(-360, 360), st.floats(-20, 20), st.floats(-1, 6)),
+        *([st.just(0.0) | _millimetres] * 3),
     ),
 )
 extras = st.fixed_dictionaries(

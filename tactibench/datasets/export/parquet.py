@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactibench.datasets.dataset import Dataset
-from tactibench.datasets.rows import write_row
+from tactibench.datasets.rows import MOVE_KEYS, POSE_KEYS, write_row
 from tactibench.datasets.schema import Sample
 from tactibench.errors import UserError
 from tactibench.png import ImageKind
@@ -24,8 +24,6 @@ SHARD_BYTES = 500_000_000
 """Size to which Hugging Face divides its own Parquet files."""
 ROW_GROUP = 100
 """Rows that are read at once, as many as the Hub's viewer expects for images."""
-
-_POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
 
 
 def write_parquet(
@@ -117,12 +115,14 @@ def parquet_schema(samples: Sequence[Sample], *, images: bool = True) -> pa.Sche
     }
     if any(sample.t_frame_ns is not None for sample in samples):
         columns["t_frame_ns"] = pa.int64()
-    if any(sample.scene is not None for sample in samples):
+    scenes = [sample.scene for sample in samples if sample.scene is not None]
+    if scenes:
+        moves = MOVE_KEYS if any(scene.pose.moved for scene in scenes) else ()
         columns |= {
             "indenter": text,
             "indenter_radius_mm": number,
             "indenter_offsets_mm": pa.list_(pa.list_(number)),
-            **dict.fromkeys(_POSE, number),
+            **dict.fromkeys((*POSE_KEYS, *moves), number),
             "n_contacts": pa.int64(),
             "contacts_xy_mm": pa.list_(pa.list_(number)),
             "contacts_depth_mm": pa.list_(number),

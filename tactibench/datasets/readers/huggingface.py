@@ -49,9 +49,14 @@ def read_huggingface(folder: Path, options: ImportOptions) -> FolderContent:
     """Read the tables of an image folder.
 
     Raises:
-        UserError: A table cannot be read.
+        UserError: There is no table, or it cannot be read.
     """
     paths = [folder / options.table] if options.table else metadata_files(folder)
+    if not paths:
+        raise UserError(
+            f"{folder} holds no {' or '.join(METADATA)}, nor does any folder directly in it; name "
+            "another folder or another format."
+        )
     name = options.column or NAME
     cells: dict[str, list[str]] = {}
     folders: dict[str, range] = {}
@@ -95,7 +100,8 @@ def _split_of_folders(folders: Mapping[str, Sequence[int]]) -> dict[str, Split]:
 
 def _read_lines(path: Path, data: bytes) -> Table:
     rows: list[dict[str, str]] = []
-    for number, line in enumerate(data.decode("utf-8-sig", "replace").splitlines(), start=1):
+    # str.splitlines() would also split at U+2028 and others, which JSON allows inside of texts.
+    for number, line in enumerate(data.decode("utf-8-sig", "replace").split("\n"), start=1):
         if not line.strip():
             continue
         try:

@@ -42,15 +42,14 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
             no finite number. The sentence names file, row and column.
     """
     channel_path = _inside(folder, options.channels)
-    table_path = _label_file(folder, options.table, channel_path)
-    data, channel_data = read_file(table_path), read_file(channel_path)
-    table = _read_labels_file(table_path, data)
+    table, data = read_label_table(folder, options)
+    channel_data = read_file(channel_path)
     values, times, names = _read_channels(channel_path, channel_data, options)
     rows, partners = _join(table, values, times, channel_path, options)
     frames = tuple(f"row-{row + 1:06d}" for row in range(len(table)))
     content = FolderContent(
         format="channels",
-        generation=f"{table_path.name}, {channel_path.name}",
+        generation=f"{table.path.name}, {channel_path.name}",
         folder=folder,
         table=table,
         data=data,
@@ -66,7 +65,7 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         format=content.format,
         generation=content.generation,
         folder=folder,
-        table=table_path,
+        table=table.path,
         names=tuple(frames[row] for row in rows),
         paths=(),
         frames=channel_path,
@@ -87,6 +86,32 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         values=partner_values,
         signal_names=names,
     )
+
+
+def read_label_table(folder: Path, options: ImportOptions) -> tuple[Table, bytes]:
+    """Return the labels and the bytes of their file.
+
+    The one-dimensional arrays of an archive are its columns.
+
+    Args:
+        folder: The folder of labels and channels.
+        options: Names of the files (``table``, ``channels``).
+
+    Raises:
+        UserError: A file is missing or damaged, or several files may hold the labels.
+    """
+    path = _label_file(folder, options.table, _inside(folder, options.channels))
+    data = read_file(path)
+    if path.suffix not in _ARCHIVES:
+        return read_table(path, data), data
+    columns = {name: array for name, array in _arrays(path, data).items() if array.ndim == 1}
+    lengths = {len(array) for array in columns.values()}
+    if len(lengths) != 1 or 0 in lengths:
+        raise UserError(
+            f"{path} holds no columns of labels; give one-dimensional arrays of one length above 0."
+        )
+    cells = {name: [repr(v) for v in array.tolist()] for name, array in columns.items()}
+    return Table(path, cells), data
 
 
 def _inside(folder: Path, name: str) -> Path:
@@ -123,18 +148,6 @@ def _arrays(path: Path, data: bytes) -> dict[str, npt.NDArray[np.float64]]:
         raise UserError(f"{path} holds no arrays of numbers: {reason}.") from None
 
 
-def _read_labels_file(path: Path, data: bytes) -> Table:
-    """Return the labels; the one-dimensional arrays of an archive are its columns."""
-    if path.suffix not in _ARCHIVES:
-        return read_table(path, data)
-    columns = {name: array for name, array in _arrays(path, data).items() if array.ndim == 1}
-    if not columns or len({len(array) for array in columns.values()}) > 1:
-        raise UserError(
-            f"{path} holds no columns of labels; give one-dimensional arrays of one length."
-        )
-    return Table(path, {name: [repr(v) for v in array.tolist()] for name, array in columns.items()})
-
-
 def _read_channels(
     path: Path, data: bytes, options: ImportOptions
 ) -> tuple[npt.NDArray[np.float32], FloatArray | None, tuple[str, ...]]:
@@ -146,9 +159,10 @@ def _read_channels(
     names: tuple[str, ...] = ()
     if path.suffix in _ARCHIVES:
         arrays = _arrays(path, data)
-        values = max(arrays.values(), key=lambda array: array.size)
+        signals = [array for name, array in arrays.items() if not join or name != join]
+        values = max(signals, key=lambda array: array.size, default=np.empty(0))
         if options.join and join not in arrays:
-            raise UserError(f"{path} has no array {join!r}; it has {', '.join(arrays)}.")
+            raise UserError(f"{path} has no array {join!r}; it has {', '.join(arrays) or 'none'}.")
         times = arrays[join] if options.join else None
     else:
         table = read_table(path, data)
@@ -157,9 +171,16 @@ def _read_channels(
         names = tuple(
             table.column(name) for name in chosen or table.columns if chosen or name != join
         )
-        values = np.column_stack([table.numbers(name) for name in names])
+        columns = [table.numbers(name) for name in names]
+        values = np.column_stack(columns) if columns else np.empty(0)
     if values.ndim < 2 or not values.size:
-        raise UserError(f"{path} holds an array of shape {values.shape}; channels are (N, C).")
+        what = f"an array of shape {values.shape}" if values.size else "no channels"
+        raise UserError(f"{path} holds {what}; channels are (N, C).")
+    if times is not None and (times.shape != values.shape[:1] or not np.isfinite(times).all()):
+        raise UserError(
+            f"{path}: the times {join!r}, of shape {times.shape}, must be one finite number for "
+            f"each of the {len(values):,} rows of channels; correct them."
+        )
     _refuse_not_finite(path, values, names)
     return values.astype(np.float32), times, names
 

@@ -126,9 +126,17 @@ def test_bad_lines(tmp_path, refused, line, words):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["hf"]
 
 
+def test_texts_may_hold_other_ends_of_lines(tmp_path):
+    frames(tmp_path, 1)
+    line = json.dumps({"file_name": "f0.png", "note": "a\u2028b\u0085c"}, ensure_ascii=False)
+    (tmp_path / "metadata.jsonl").write_text(f"{line}\r\n", encoding="utf-8", newline="")
+    assert open_recording(tmp_path).extra["note"] == ("a\u2028b\u0085c",)
+
+
 def test_no_lines(tmp_path, refused):
     folder = tmp_path / "hf"
     frames(folder, 1)
+    refused(lambda: open_recording(folder, format="huggingface"), "no metadata.jsonl or metadata")
     (folder / "metadata.jsonl").write_text("\n")
     refused(lambda: open_recording(folder), "has no rows")
 

@@ -189,6 +189,33 @@ def test_columns_are_recognised(
         write_mapping(path, guess)
 
 
+@pytest.mark.parametrize(
+    ("given", "found", "depth"),
+    [
+        (["depth=-z"], {"depth": "-z", "offset_mm": "145"}, 4.0),
+        (["depth=z"], {"depth": "z", "offset_mm": "-141"}, 0.0),
+        (["depth=-w"], {"depth": "-w", "offset_mm": None}, 1.0),
+        (["depth=w"], {"depth": "w", "offset_mm": "5"}, 4.0),
+        (["unit=um"], {"depth": "z", "offset_mm": None}, 0.141),
+        (["spacing=8"], {"indenter": "dual", "spacing": "8", "angles": None}, 0.0),
+        (["spacing=8", "yaw=0.5"], {"yaw": "0.5", "angles": None}, 0.0),
+        (["offset_mm=-140", "radius_mm=2"], {"offset_mm": "-140", "radius_mm": "2"}, 1.0),
+    ],
+)
+def test_what_is_not_said_is_guessed_from_what_is(
+    tmp_path: Path, given: list[str], found: dict[str, str | None], depth: float
+) -> None:
+    """z is the height of a robot, w a depth below 0."""
+    folder = folder_of(tmp_path, "x,y,z,w", [[-1, 1, 141, -1], [1, -1, 145, -5]])
+    guess = guess_mapping(folder, given)
+    assert {name: guess.options.get(name) for name in found} == found
+    path = tmp_path / "map.toml"
+    write_mapping(path, guess)
+    scene = open_recording(folder, read_mapping(path)).scenes[0]
+    assert scene is not None
+    assert scene.pose.depth == pytest.approx(depth)
+
+
 def test_what_a_person_says_goes_before_the_guess(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, "left,up,depth", [[1, 2, 3]])
     with pytest.raises(UserError, match="looks like x or y; its columns are shot, left"):
