@@ -118,6 +118,7 @@ def speed(
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
     """Return the model with the weights that were asked for. Raises UserError without any."""
+    from tactibench.run.plan import no_weights
     from tactibench.run.train import train_model
 
     name = plan.components.model.name
@@ -127,9 +128,5 @@ def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -
             raise UserError(f"model {name!r} has no random weights to time; take --train instead.")
         return model
     if not (train or plan.weights.cached):
-        raise UserError(
-            f"there are no trained weights of {plan.components.model.label} in the cache for this "
-            f"request; make them with `tactibench run exp1 --model {name} --train-only` and the "
-            "same options, or add --train, or time random weights with --untrained."
-        )
+        raise no_weights(plan, ", or add --train, or time random weights with --untrained")
     return train_model(plan, reporter)[0]

@@ -9,14 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
 from tactibench.plugins.parameter import Parameter, Value, text_of
-from tactibench.plugins.targets import import_subclass, import_target
 
 if TYPE_CHECKING:
-    from tactibench.plugins.base import Encoder, Model, Sensor
+    from tactibench.plugins.base import Encoder, Model, Sensor  # noqa: F401 - in bases, as texts
+
+T = TypeVar("T")
 
 KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
@@ -37,12 +39,15 @@ _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
 @dataclass(frozen=True)
-class _Spec:
+class _Spec(Generic[T]):
     """The fields that models, sensors and encoders have in common.
 
     Attributes:
+        _BASE: Name of the class in ``tactibench.plugins.base`` that the target inherits from.
         retired: Parameter -> values that no longer exist -> the values that stand for them now.
     """
+
+    _BASE = ""
 
     name: str
     target: str
@@ -57,10 +62,44 @@ class _Spec:
         names = [parameter.name for parameter in self.parameters]
         if len(set(names)) < len(names):
             raise ValueError(f"{self.name!r} has two parameters of the same name")
+        self._check_variants()
 
-    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:  # noqa: ARG002
+    def load(self) -> Callable[..., T]:
+        """Import and return the class.
+
+        Raises:
+            UserError: The target cannot be imported, or is not a complete subclass.
+        """
+        from tactibench.plugins import base
+
+        return import_subclass(self.name, self.target, getattr(base, self._BASE))
+
+    def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
+        """Return the parameter that chooses a variant, and its value -> defaults that differ."""
+        return "", {}
+
+    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""
-        return {parameter.name: parameter.default for parameter in self.parameters}
+        plain = {parameter.name: parameter.default for parameter in self.parameters}
+        by, variants = self._variants()
+        differing = {str(variant): differs for variant, differs in variants.items()}
+        return {**plain, **differing.get(str({**plain, **values}.get(by)), {})}
+
+    def _check_variants(self) -> None:
+        """Raise ValueError where a variant sets a parameter that the spec lacks.
+
+        Raises:
+            UserError: A default is not allowed.
+        """
+        by, variants = self._variants()
+        by_name = {parameter.name: parameter for parameter in self.parameters}
+        for variant, values in variants.items():
+            if missing := {by, *values} - set(by_name):
+                raise ValueError(
+                    f"{by} {variant!r} of {self.name!r} sets {sorted(missing)}, which it lacks"
+                )
+            for name, value in values.items():
+                by_name[name].check(value)
 
     def settings(self, given: Mapping[str, str]) -> dict[str, Value]:
         """Return the values of all parameters: those given as text, the others at their defaults.
@@ -107,7 +146,7 @@ class _Spec:
 
 
 @dataclass(frozen=True)
-class ModelSpec(_Spec):
+class ModelSpec(_Spec["Model"]):
     """A model: frames -> contacts or plate poses.
 
     Attributes:
@@ -129,6 +168,8 @@ class ModelSpec(_Spec):
             of such a model is enough, if it ships with tactibench.
     """
 
+    _BASE = "Model"
+
     answers: tuple[str, ...] = ("contacts",)
     reads: tuple[str, ...] = field(default=(IMAGE,), kw_only=True)
     max_contacts: int | None = None
@@ -140,19 +181,9 @@ class ModelSpec(_Spec):
     )
     deterministic: bool = field(default=False, kw_only=True)
 
-    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the value that every parameter has where only ``values`` are given."""
-        return {**super().defaults(values), **self.recipes.get(str(values.get(RECIPE)), {})}
-
-    def load(self) -> Callable[..., Model]:
-        """Import and return the class.
-
-        Raises:
-            UserError: The target cannot be imported, or is not a complete subclass.
-        """
-        from tactibench.plugins.base import Model
-
-        return import_subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
+    def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
+        """Return the parameter that chooses a recipe, and the recipes."""
+        return RECIPE, self.recipes
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -174,11 +205,10 @@ class ModelSpec(_Spec):
                 f"{self.name!r} has default_encoder {self.default_encoder!r}; the name of an "
                 "encoder, of a model that uses one"
             )
-        _check_variants(self, RECIPE, self.recipes)
 
 
 @dataclass(frozen=True)
-class SensorSpec(_Spec):
+class SensorSpec(_Spec["Sensor"]):
     """A sensor: scenes -> frames.
 
     Attributes:
@@ -196,6 +226,8 @@ class SensorSpec(_Spec):
             name of the parameter.
     """
 
+    _BASE = "Sensor"
+
     origin: str = "simulated"
     needs_data: bool = False
     reference_of: str = ""
@@ -204,21 +236,9 @@ class SensorSpec(_Spec):
         default_factory=dict, hash=False, kw_only=True
     )
 
-    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the value that every parameter has where only ``values`` are given."""
-        version = values.get(VERSION)
-        of_version = self.versions.get(version, {}) if isinstance(version, int) else {}
-        return {**super().defaults(values), **of_version}
-
-    def load(self) -> Callable[..., Sensor]:
-        """Import and return the class.
-
-        Raises:
-            UserError: The target cannot be imported, or is not a complete subclass.
-        """
-        from tactibench.plugins.base import Sensor
-
-        return import_subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
+    def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
+        """Return the parameter that chooses a version, and the versions."""
+        return VERSION, self.versions
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -226,11 +246,10 @@ class SensorSpec(_Spec):
             raise ValueError(f"{self.name!r} has origin {self.origin!r}; one of {ORIGINS}")
         if bool(self.reference_of) != bool(self.scenes):
             raise ValueError(f"{self.name!r} needs both reference_of and scenes, or neither")
-        _check_variants(self, VERSION, self.versions)
 
 
 @dataclass(frozen=True)
-class EncoderSpec(_Spec):
+class EncoderSpec(_Spec["Encoder"]):
     """An encoder: contacts <-> maps that a network draws.
 
     Attributes:
@@ -246,19 +265,11 @@ class EncoderSpec(_Spec):
             that it can be scored as a surface.
     """
 
+    _BASE = "Encoder"
+
     kind: str = "heat"
     max_contacts: int | None = None
     shows_surface: bool = False
-
-    def load(self) -> Callable[..., Encoder]:
-        """Import and return the class.
-
-        Raises:
-            UserError: The target cannot be imported, or is not a complete subclass.
-        """
-        from tactibench.plugins.base import Encoder
-
-        return import_subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -298,27 +309,6 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) and _NAME.fullmatch(value) is not None
 
 
-def _check_variants(spec: _Spec, by: str, variants: Mapping[Any, Mapping[str, Value]]) -> None:
-    """Raise ValueError where a variant sets a parameter that the spec lacks.
-
-    Args:
-        spec: The spec.
-        by: Name of the parameter that chooses the variant.
-        variants: Value of that parameter -> defaults that differ, by name of the parameter.
-
-    Raises:
-        UserError: A default is not allowed.
-    """
-    by_name = {parameter.name: parameter for parameter in spec.parameters}
-    for variant, values in variants.items():
-        if missing := {by, *values} - set(by_name):
-            raise ValueError(
-                f"{by} {variant!r} of {spec.name!r} sets {sorted(missing)}, which it lacks"
-            )
-        for name, value in values.items():
-            by_name[name].check(value)
-
-
 def _check_count(name: str, most: int | None) -> None:
     if most is not None and most < 1:
         raise ValueError(f"{name!r} has max_contacts {most}; 1 or more")
@@ -329,3 +319,48 @@ def _check_names(name: object, target: object) -> None:
         raise ValueError(f"name {name!r} may hold letters, digits, '_' and '-' only")
     if not isinstance(target, str) or not _TARGET.fullmatch(target):
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")
+
+
+def import_target(name: str, target: str) -> Any:
+    """Import and return the object that a target names.
+
+    Args:
+        name: Name of the spec, for the error.
+        target: ``"package.module:Class"``.
+
+    Raises:
+        UserError: The import fails, or the module does not have the object.
+    """
+    module, _, attribute = target.partition(":")
+    try:
+        return call_plugin(lambda: getattr(import_module(module), attribute))
+    except PluginError as error:
+        raise UserError(
+            f"{name!r} cannot be used, because {target} does not load ({error}); "
+            "repair or reinstall its plugin."
+        ) from error.__cause__
+
+
+def import_subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
+    """Import and return the class that a target names.
+
+    Args:
+        name: Name of the spec, for the error.
+        target: ``"package.module:Class"``.
+        base: The class that it must inherit from.
+
+    Raises:
+        UserError: The import fails, the class does not inherit from ``base``, or it lacks a method
+            that must be written.
+    """
+    loaded = import_target(name, target)
+    if not (isinstance(loaded, type) and issubclass(loaded, base)):
+        kind, own = base.__name__, target.partition(":")[2]
+        raise UserError(
+            f"{name!r} was written for an older tactibench, because {target} does not inherit from "
+            f"tactibench.{kind}; import {kind} from tactibench and write `class {own}({kind}):`."
+        )
+    missing = sorted(getattr(loaded, "__abstractmethods__", ()))
+    if missing:
+        raise UserError(f"{name!r} cannot be used, because {target} lacks {', '.join(missing)}.")
+    return loaded

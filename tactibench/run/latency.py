@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.plugins.base import Stage
-from tactibench.run.load import QUIET, UNKNOWN, Counter, Load, counters, load_between
+from tactibench.run.load import QUIET, Counter, Load, counters, load_between
 
 Clock = Callable[[], float]
 
@@ -75,13 +75,8 @@ class LatencySample:
         warmup_calls: Number of calls of the warm-up.
         threads: Number of threads that the caller set.
         batch: Number of frames in a call.
-        cpu_ms: (calls, phases) processor time of the whole process, ms; None where it was not
-            measured.
+        cpu_ms: (calls, phases) processor time of the whole process, ms.
         load: Load of the machine meanwhile.
-
-    Raises:
-        ValueError: The times are no (calls, phases) array with at least one call, or ``raw_ms`` and
-            ``cpu_ms`` differ in shape.
     """
 
     phases: tuple[str, ...]
@@ -89,34 +84,13 @@ class LatencySample:
     warm: bool
     warmup_calls: int
     threads: int
-    batch: int = 1
-    cpu_ms: npt.NDArray[np.float64] | None = None
-    load: Load = UNKNOWN
-
-    def __post_init__(self) -> None:
-        raw = np.array(self.raw_ms, dtype=np.float64)
-        if raw.ndim != 2 or raw.shape[1] != len(self.phases) or not len(raw):
-            raise ValueError(f"raw times have shape {raw.shape} for {len(self.phases)} phases")
-        raw.setflags(write=False)
-        object.__setattr__(self, "raw_ms", raw)
-        if self.cpu_ms is not None:
-            cpu = np.array(self.cpu_ms, dtype=np.float64)
-            if cpu.shape != raw.shape:
-                raise ValueError(f"processor times have shape {cpu.shape}, raw times {raw.shape}")
-            cpu.setflags(write=False)
-            object.__setattr__(self, "cpu_ms", cpu)
-
-    @property
-    def processor_share(self) -> float | None:
-        """Return processor time over wall time of all calls; None where it was not measured."""
-        wall = float(self.raw_ms.sum())
-        return None if self.cpu_ms is None or not wall else float(self.cpu_ms.sum()) / wall
+    batch: int
+    cpu_ms: npt.NDArray[np.float64]
+    load: Load
 
     @property
     def quiet(self) -> bool:
         """Return whether no other work disturbed the times, as far as this can be known."""
-        if self.cpu_ms is None:
-            return False
         wall = float(self.raw_ms.sum())
         slack = QUIET * wall + READING_MS * self.raw_ms.size
         more = float(self.cpu_ms.sum()) - wall
@@ -147,11 +121,8 @@ class LatencySample:
         total = self.total_ms
         per_s = 1e3 * self.batch / float(total.mean()) if total.any() else float("inf")
         columns = {name: self.raw_ms[:, k] for k, name in enumerate(self.phases)}
-        cpu: dict[str, float] = {}
-        if self.cpu_ms is not None:
-            means = self.cpu_ms.mean(axis=0)
-            cpu = dict(zip(self.phases, map(float, means), strict=True))
-            cpu["total"] = float(means.sum())
+        means = self.cpu_ms.mean(axis=0)
+        cpu = dict(zip(self.phases, map(float, means), strict=True)) | {"total": float(means.sum())}
         rows = []
         for phase, times in {**columns, "total": total}.items():
             p50, p90, p99 = (float(q) for q in np.quantile(times, (0.5, 0.9, 0.99)))
@@ -167,7 +138,7 @@ class LatencySample:
                     "mean_ms": float(times.mean()),
                     "per_s": per_s,
                     "settled": self.settled,
-                    "cpu_ms": cpu.get(phase),
+                    "cpu_ms": cpu[phase],
                     "stolen": self.load.stolen,
                     "foreign": self.load.foreign,
                     "load": self.load.average,
@@ -217,7 +188,8 @@ def time_calls(
         while len(raw) < calls and not (len(raw) >= block and over()):
             _call(stages, next(source), clocks, raw, cpu)
         load = load_between(before, clocks.counters())
-    return _sample(phases, raw, cpu, warm, warmup, threads, batch, load)
+    times, computed = 1e3 * np.array(raw), 1e3 * np.array(cpu)
+    return LatencySample(phases, times, warm, warmup, threads, batch, computed, load)
 
 
 def time_in_rounds(
@@ -280,13 +252,13 @@ def time_in_rounds(
             advance(1)
         load = load_between(before, clocks.counters())
     return {
-        name: _sample(
+        name: LatencySample(
             tuple(phase for phase, _ in stages),
-            raw[name],
-            cpu[name],
+            1e3 * np.array(raw[name]),
             *warm[name],
             threads,
             batch,
+            1e3 * np.array(cpu[name]),
             load,
         )
         for name, stages in models.items()
@@ -381,17 +353,3 @@ def _call(stages: Sequence[Stage], value: Any, clocks: Clocks, raw: Times, cpu: 
         computed.append(processor())
     raw.append([after - before for before, after in pairwise(marks)])
     cpu.append([after - before for before, after in pairwise(computed)])
-
-
-def _sample(
-    phases: tuple[str, ...],
-    raw: Times,
-    cpu: Times,
-    warm: bool,
-    warmup: int,
-    threads: int,
-    batch: int,
-    load: Load,
-) -> LatencySample:
-    times, computed = 1e3 * np.array(raw), 1e3 * np.array(cpu)
-    return LatencySample(phases, times, warm, warmup, threads, batch, computed, load)

@@ -70,7 +70,6 @@ class Load:
         return None if self.others is None else self.others <= QUIET
 
 
-UNKNOWN = Load()
 Counter = Callable[[], Counters | None]
 
 

@@ -16,8 +16,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tactibench import __version__
 from tactibench.errors import UserError
-from tactibench.records.identity import installed_versions
+from tactibench.plugins.discovery import installed
+from tactibench.records.identity import code_hash, installed_versions
 
 PACKAGES = ("numpy", "scipy", "torch", "opencv-contrib-python-headless", "tactibench")
 """Packages whose versions a record holds."""
@@ -78,6 +80,22 @@ def environment_facts() -> dict[str, Any]:
         "threads": _threads(facts["cores_logical"]),
         "versions": installed_versions(*PACKAGES),
     }
+
+
+def software() -> dict[str, str]:
+    """Return name -> version of what the numbers of a run depend on; nothing is imported.
+
+    The version of tactibench and of every plugin ends with the start of the hash of its source.
+    """
+    versions = installed_versions(*PACKAGES)
+    versions["tactibench"] = f"{__version__} ({code_hash('tactibench')[:8]})"
+    for point, origin in installed():
+        try:
+            code = code_hash(point.value.partition(":")[0].partition(".")[0])[:8]
+        except (ModuleNotFoundError, ValueError):  # its metadata stayed behind, or names no module
+            code = "without source"
+        versions[f"plugin {origin.plugin}"] = f"{origin.version} ({code})"
+    return versions
 
 
 def fingerprint(*, with_torch: bool = False) -> dict[str, Any]:

@@ -232,13 +232,18 @@ def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePla
     return known[key]
 
 
-def no_weights(plan: RunPlan) -> UserError:
-    """Return the error for a request whose weights are not in the cache."""
+def no_weights(plan: RunPlan, otherwise: str = "") -> UserError:
+    """Return the error for a request whose weights are not in the cache.
+
+    Args:
+        plan: The plan of the request.
+        otherwise: What else a user can do, such as ", or add --train".
+    """
     request = plan.request
     return UserError(
         f"there are no trained weights of {plan.components.model.label} in the cache for this "
         f"request; make them with `tactibench run {request.protocol} --model {request.model} "
-        "--train-only` and the same options."
+        f"--train-only` and the same options{otherwise}."
     )
 
 

@@ -167,9 +167,10 @@ def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> S
             "name it with --test sensor.NAME=VALUE, for example sensor.instance=1."
         )
     if same and not (options.hidden and not options.parameters):
+        texts = replace(options, hidden=False).texts  # --hidden-seed is no text of --test
         raise UserError(
-            f"--test {' --test '.join(options.texts)} is what the training frames are made with "
-            "already; give another value, or leave --test out."
+            f"--test {' --test '.join(texts)} is what the training frames are made with already; "
+            "give another value, or leave --test out."
         )
     return tested
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -59,8 +59,7 @@ class Speed:
         single = scenario == "single"
         name = f"single_{sample.threads}_threads" if single else f"offline_{sample.batch}_frames"
         self.raw[f"{name}_ms"] = np.asarray(sample.raw_ms)
-        if sample.cpu_ms is not None:
-            self.raw[f"{name}_cpu_ms"] = np.asarray(sample.cpu_ms)
+        self.raw[f"{name}_cpu_ms"] = np.asarray(sample.cpu_ms)
 
 
 def time_model(
@@ -99,15 +98,33 @@ def time_model(
 
         best, raced = race_briefly(model, seen, scored, true, budget_s)
         configuration, stages = best.description, best.stages
-    with peak_memory() as peak:
-        speed = _time_single(stages, seen, calls, budget_s)
-    _time_offline(stages, seen, budget_s / 6, speed)
+    with suppress(OSError):  # another system, or a kernel without it
+        _RESET.write_text(_RESET_PEAK)
+    speed, threads = Speed(), all_threads()
+    for count in sorted({1, threads}):
+        with limited_threads(count):
+            sample = time_calls(stages, seen, threads=count, calls=calls, budget_s=budget_s)
+        speed.add("single", sample)
+    peak_mb = _peak_mb()
+    with limited_threads(threads):
+        for batch in BATCHES:
+            sample = time_calls(
+                stages,
+                seen,
+                batch,
+                threads=threads,
+                calls=OFFLINE_CALLS,
+                budget_s=budget_s / 6,
+                block=offline_block(batch),
+                warmup_blocks=OFFLINE_BLOCKS,
+            )
+            speed.add("offline", sample)
     difference = compare(answers_of(stages, seen), scored, None if quick else true)
     speed.timed.update(configuration=configuration, **difference.as_row(), raced=raced)
     speed.efficiency.update(
         parameters=_count(model, "parameter_count", model.parameter_count()),
         flops_per_frame=_count(model, "flops", model.flops(seen[0])),
-        peak_memory_mb=peak.mb,
+        peak_memory_mb=peak_mb,
     )
     return speed
 
@@ -128,58 +145,11 @@ def _count(model: Model, method: str, count: object) -> int | None:
     return int(count)
 
 
-def _time_single(
-    stages: Sequence[Stage], frames: Sequence[Frame], calls: int, budget_s: float
-) -> Speed:
-    speed = Speed()
-    for threads in sorted({1, all_threads()}):
-        with limited_threads(threads):
-            sample = time_calls(stages, frames, threads=threads, calls=calls, budget_s=budget_s)
-        speed.add("single", sample)
-    return speed
-
-
-def _time_offline(
-    stages: Sequence[Stage], frames: Sequence[Frame], budget_s: float, speed: Speed
-) -> None:
-    threads = all_threads()
-    with limited_threads(threads):
-        for batch in BATCHES:
-            sample = time_calls(
-                stages,
-                frames,
-                batch,
-                threads=threads,
-                calls=OFFLINE_CALLS,
-                budget_s=budget_s,
-                block=offline_block(batch),
-                warmup_blocks=OFFLINE_BLOCKS,
-            )
-            speed.add("offline", sample)
-
-
-class PeakMemory:
-    """The largest resident memory of this process inside a block.
-
-    Attributes:
-        mb: The peak in MB (10^6 bytes); None where the system does not tell it. Where the kernel
-            cannot reset its count, it is the peak of the whole life of the process.
-    """
-
-    mb: float | None = None
-
-
-@contextmanager
-def peak_memory() -> Iterator[PeakMemory]:
-    """Measure the peak memory of this process; it is set after the block."""
-    peak = PeakMemory()
-    with suppress(OSError):  # another system, or a kernel without it
-        _RESET.write_text(_RESET_PEAK)
-    yield peak
-    peak.mb = _peak_mb()
-
-
 def _peak_mb() -> float | None:
+    """Return the peak of the resident memory, MB (10^6 bytes); None where it is not known.
+
+    Where the kernel cannot reset its count, it is the peak of the whole life of the process.
+    """
     try:
         lines = _STATUS.read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -63,6 +63,7 @@ MOST_DESCRIPTION_BYTES = 1024**2
 """Largest size of ``weights.json`` and of the model card."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}){0,3}")
 """Name of a file inside: a relative path that never leads upwards."""
+_TOO_LARGE = f"the files have more than {MOST_BYTES / 1024**3:g} GiB"
 
 
 @dataclass(frozen=True)
@@ -162,12 +163,15 @@ def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated
         license_text: License of the weights.
 
     Raises:
-        UserError: The weights are not in the cache, or are damaged.
+        UserError: The weights are not in the cache, are damaged, or are too many or too large for a
+            file that can be read back.
     """
     manifest = intact_manifest(plan.weights)
     label = plan.components.model.label
     if manifest is None:
         raise no_weights(plan)
+    if why := _unusable_names(manifest["files"]):
+        raise _not_one_file(label, why)
     context, encoder = plan.context(), plan.components.encoder
     sensor = plan.components.sensor.label
     description = {
@@ -192,16 +196,18 @@ def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated
         "license": license_text,
     }
     checked = WeightsDescription.model_validate_json(_json(description))
+    texts = {DESCRIPTION: _json(description), CARD: weights_card(checked, label)}
+    paths = {FOLDER + name: plan.weights.folder / name for name in sorted(checked.files)}
+    lengths = [len(text.encode()) for text in texts.values()]
+    if max(lengths) > MOST_DESCRIPTION_BYTES:
+        raise _not_one_file(label, "the notes of the training are too long")
+    if sum([*lengths, *(file.stat().st_size for file in paths.values())]) > MOST_BYTES:
+        raise _not_one_file(label, _TOO_LARGE)
     with atomic(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-        for name, content in (
-            (DESCRIPTION, _json(description)),
-            (CARD, weights_card(checked, label)),
-        ):
-            archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), content)
-        for name in sorted(checked.files):
-            archive.writestr(
-                zipfile.ZipInfo(FOLDER + name, FIRST_DAY), (plan.weights.folder / name).read_bytes()
-            )
+        for name, text in texts.items():
+            archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), text)
+        for name, file in paths.items():
+            archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), file.read_bytes())
     return read_weights(path)
 
 
@@ -235,8 +241,8 @@ def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
         except (KeyError, ValueError, RecursionError) as error:
             raise _damaged(path, f"{DESCRIPTION} cannot be read ({error})") from None
         files = description.files
-        if bad := [name for name in files if not _NAME.fullmatch(name) or ".." in name]:
-            raise _damaged(path, f"{bad[0][:80]!r} is no name of a file inside")
+        if why := _unusable_names(files):
+            raise _damaged(path, why)
         expected = {DESCRIPTION, CARD, *(FOLDER + name for name in files)}
         if set(entries) != expected:
             raise _damaged(path, "it holds other files than it lists")
@@ -348,7 +354,17 @@ def _check_sizes(path: Path, entries: list[zipfile.ZipInfo]) -> None:
     if any(e.compress_type != zipfile.ZIP_STORED or e.flag_bits & 1 for e in entries):
         raise _damaged(path, "its files are compressed or encrypted, which export never does")
     if sum(e.file_size for e in entries) > MOST_BYTES:
-        raise _damaged(path, f"it holds more than {MOST_BYTES / 1024**3:g} GiB")
+        raise _damaged(path, _TOO_LARGE)
+
+
+def _unusable_names(files: Mapping[str, str]) -> str:
+    """Return why files of these names cannot be in a weights file; "" where they can."""
+    if not 1 <= len(files) <= MOST_FILES:
+        return f"there are {len(files)} files, and 1 to {MOST_FILES} are allowed"
+    bad = [name for name in files if not _NAME.fullmatch(name) or ".." in name]
+    if not bad:
+        return ""
+    return f"the file name {bad[0][:80]!r} has more than letters, digits, '_', '-' and single dots"
 
 
 def _text(archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo], name: str) -> str:
@@ -371,6 +387,13 @@ def _entry_hash(archive: zipfile.ZipFile, name: str) -> str:
         while part := stream.read(1024**2):
             total.update(part)
     return total.hexdigest()
+
+
+def _not_one_file(label: str, why: str) -> UserError:
+    return UserError(
+        f"the weights of {label} cannot be exported: {why}; change what the model saves and train "
+        "it again."
+    )
 
 
 def _damaged(path: Path, why: str) -> UserError:

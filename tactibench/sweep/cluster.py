@@ -13,11 +13,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tactibench import __version__
 from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder
-from tactibench.records.identity import code_hash
-from tactibench.run.machine import cuda_possible, fingerprint
+from tactibench.run.machine import cuda_possible, fingerprint, software
 
 GPU = "GPU"
 """The resource of workers with a graphics card: ``dask worker --resources GPU=1``."""
@@ -236,7 +234,7 @@ def remote_cluster(address: str, storage: Storage) -> Iterator[Cluster]:
 
     Raises:
         UserError: dask is not installed, the scheduler does not answer, or a worker cannot import
-            tactibench, does not see a folder, or runs another version or other code.
+            tactibench, does not see a folder, or has other software than this machine.
     """
     _, distributed = _import_dask()
     with _quiet_log():
@@ -256,29 +254,28 @@ def remote_cluster(address: str, storage: Storage) -> Iterator[Cluster]:
 
 @dataclass(frozen=True)
 class _WorkerView:
-    """The folders that a worker does not see, and its version and code."""
+    """The folders that a worker does not see, and the software that it runs: name -> version."""
 
     missing: tuple[str, ...]
-    version: str
-    code: str
+    software: Mapping[str, str]
 
 
 def check_workers(cluster: Cluster, storage: Storage) -> None:
-    """Wait for a worker, then check that all workers see the folders and run this code.
+    """Wait for a worker, then check that all workers see the folders and run this software.
 
     Raises:
-        UserError: A worker cannot import tactibench, does not see a folder, or runs another version
-            or other code.
+        UserError: A worker cannot import tactibench, does not see a folder, or has other software
+            than this machine.
     """
     with _mark(storage.store) as store, _mark(storage.cache) as cache:
         marks = {"run store": store, "cache": cache}
         # Schedulers that start workers on demand start one for a task.
-        future = cluster.submit(_look_around, marks)
+        future = cluster.submit(_view_worker, marks)
         while not cluster.wait_any([future]):
             pass
         cluster.client.cancel([future])
-        answers = cluster.client.run(_look_around, marks, on_error="return")
-    local_view = _look_around({})
+        answers = cluster.client.run(_view_worker, marks, on_error="return")
+    here = software()
     for address, view in answers.items():
         if isinstance(view, Exception):
             raise UserError(
@@ -292,16 +289,18 @@ def check_workers(cluster: Cluster, storage: Storage) -> None:
                 f"worker {address} does not see the {name} {folder}; name a folder that all "
                 f"machines share with {option}."
             )
-        if view != local_view:
-            raise UserError(
-                f"worker {address} runs tactibench {view.version} ({view.code[:8]}), this machine "
-                f"{local_view.version} ({local_view.code[:8]}); install the same on both."
-            )
+        for name in {**here, **view.software}:
+            there, ours = (have.get(name, "not installed") for have in (view.software, here))
+            if there != ours:
+                raise UserError(
+                    f"worker {address} has {name} {there}, this machine has {name} {ours}; install "
+                    "the same on both."
+                )
 
 
-def _look_around(marks: dict[str, str]) -> _WorkerView:
+def _view_worker(marks: dict[str, str]) -> _WorkerView:
     missing = tuple(name for name, mark in marks.items() if not Path(mark).is_file())
-    return _WorkerView(missing, __version__, code_hash("tactibench"))
+    return _WorkerView(missing, software())
 
 
 @contextmanager

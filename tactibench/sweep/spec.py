@@ -230,19 +230,21 @@ def list_cells(file: SweepFile, host: PluginHost) -> tuple[Cell, ...]:
     this way is found out when the cell is planned.
 
     Raises:
-        UserError: A name does not exist, an exclusion names a value that is not in the lists, or no
-            cell of a sweep is left.
+        UserError: A name does not exist, an exclusion names a value that is not in the lists or
+            leaves out no cell, or no cell of a sweep is left.
     """
     cells: list[Cell] = []
     for number, spec in enumerate(file.parts, start=1):
         where = f"sweep {number}: " if len(file.parts) > 1 else ""
         try:
             _check_names(file, spec, host)
-            combinations = [
-                axes for axes in _combinations(spec, host) if not _is_excluded(axes, spec.exclude)
+            combinations = list(_combinations(spec, host))
+            _check_exclusions(spec, combinations)
+            part_cells = [
+                Cell(axes, _request(file, spec, axes, host))
+                for axes in combinations
+                if not any(_is_excluded(axes, exclusion) for exclusion in spec.exclude)
             ]
-            _check_exclusions(spec)
-            part_cells = [Cell(axes, _request(file, spec, axes, host)) for axes in combinations]
         except UserError as error:
             raise file.error(f"{where}{error}") from None
         if (spec.protocol or spec.model) and not part_cells:
@@ -275,10 +277,9 @@ def _encoders(names: Iterable[str], model: ModelSpec, host: PluginHost) -> tuple
     return tuple(usable) or ("",)
 
 
-def _is_excluded(axes: Mapping[str, str], exclusions: Iterable[Exclusion]) -> bool:
-    return any(
-        all(axes[axis] in map(str, getattr(exclusion, axis)) for axis in exclusion.model_fields_set)
-        for exclusion in exclusions
+def _is_excluded(axes: Mapping[str, str], exclusion: Exclusion) -> bool:
+    return all(
+        axes[axis] in map(str, getattr(exclusion, axis)) for axis in exclusion.model_fields_set
     )
 
 
@@ -342,8 +343,15 @@ def _check_names(file: SweepFile, spec: SweepSpec, host: PluginHost) -> None:
                 raise UserError(f"key '{key}.{name}': {did_you_mean(name, allowed)}")
 
 
-def _check_exclusions(spec: SweepSpec) -> None:
-    """Raise UserError where an exclusion names a value that is not in the lists: a misprint."""
+def _check_exclusions(spec: SweepSpec, combinations: Iterable[Mapping[str, str]]) -> None:
+    """Raise UserError where an exclusion names a value that is not listed, or leaves out no cell.
+
+    Either is a misprint: its author expects fewer cells than would be run.
+
+    Args:
+        spec: The keys of the sweep.
+        combinations: Axis -> value, of every cell before any is left out.
+    """
     for number, exclusion in enumerate(spec.exclude, start=1):
         for axis in AXES:
             listed = [str(value) for value in getattr(spec, axis)]
@@ -351,3 +359,8 @@ def _check_exclusions(spec: SweepSpec) -> None:
                 if value not in listed:
                     near = did_you_mean(value, listed) if listed else f"there is no list {axis!r}."
                     raise UserError(f"key 'exclude.{number}.{axis}' names {value!r}; {near}")
+        if not any(_is_excluded(axes, exclusion) for axes in combinations):
+            raise UserError(
+                f"key 'exclude.{number}' leaves out no cell, because none has its values together; "
+                "change a value, or delete it."
+            )

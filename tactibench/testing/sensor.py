@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.channels import holds_channels
 from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
@@ -301,9 +302,9 @@ def _own_scenes(subject: SensorSubject) -> Mapping[str, Scene]:
 
 
 def _gray(frame: Frame) -> Array:
-    """Return the (H, W) grey levels of an image, colours averaged, or the channels."""
+    """Return the (H, W) grey levels of an image, colours averaged, or the channels as they are."""
     levels = np.asarray(frame.signal, dtype=np.float64)
-    return levels.mean(axis=2) if levels.ndim == 3 else levels
+    return levels.mean(axis=2) if levels.ndim == 3 and not holds_channels([frame]) else levels
 
 
 def _change(frame: Frame, rest: Frame) -> Array:

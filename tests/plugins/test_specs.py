@@ -168,6 +168,9 @@ def test_a_recipe_has_defaults_of_its_own_that_a_user_may_change() -> None:
     assert spec.settings({})["width"] == 16
     assert spec.settings({"recipe": "paper"})["width"] == 64
     assert spec.settings({"recipe": "paper", "width": "32"})["width"] == 32
+    own = ModelSpec("m", "a:B", "", (recipe, WIDTH), recipes={"default": {"width": 64}})
+    assert own.settings({}) == own.settings({"recipe": "default"})
+    assert own.settings({})["width"] == 64
     with pytest.raises(ValueError, match="recipe 'paper' of 'm' sets"):
         ModelSpec("m", "a:B", "", (recipe, WIDTH), recipes={"paper": {"depth": 1}})
     with pytest.raises(ValueError, match="sets"):  # no such choice of recipe to be made
@@ -192,6 +195,7 @@ def test_a_version_has_defaults_of_its_own() -> None:
     assert spec.settings({}) == {"version": 1, "width": 16, "rate": 0.5}
     assert spec.settings({"version": "2"}) == {"version": 2, "width": 32, "rate": 0.5}
     assert spec.settings({"version": "2", "width": "16"})["width"] == 16
+    assert versioned({1: {"width": 8}}).settings({})["width"] == 8, "version 1 is the default"
     stored = {"width": 16, "rate": 0.5}  # a record from before there were versions
     assert spec.settings_of_record(stored) == spec.settings({})
 

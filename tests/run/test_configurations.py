@@ -22,6 +22,7 @@ from tactibench.run.configurations import (
 )
 from tactibench.run.difference import Difference
 from tactibench.run.latency import LatencySample
+from tactibench.run.load import Load
 from tactibench.run.timing import time_model
 
 pytestmark = pytest.mark.long
@@ -106,6 +107,7 @@ def test_a_model_without_a_choice_is_timed_as_it_is() -> None:
     assert timed.timed["raced"] == []
     assert timed.efficiency["parameters"] is None
     assert timed.efficiency["flops_per_frame"] is None
+    assert isinstance(timed.efficiency["peak_memory_mb"], float)
 
 
 def test_a_model_of_which_no_way_works_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,7 +117,8 @@ def test_a_model_of_which_no_way_works_is_refused(monkeypatch: pytest.MonkeyPatc
 
 
 def sample(ms: float) -> LatencySample:
-    return LatencySample(("all",), [[ms], [ms], [99.0]], True, 40, 1)
+    raw = np.array([[ms], [ms], [99.0]])
+    return LatencySample(("all",), raw, True, 40, 1, 1, raw, Load())
 
 
 def test_the_fastest_of_the_allowed_wins() -> None:

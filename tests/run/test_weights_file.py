@@ -126,6 +126,35 @@ def test_there_is_nothing_to_export_without_weights(tmp_path: Path) -> None:
         export_weights(plan_of(tmp_path), tmp_path / "x.zip")
 
 
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        ([f"{number}.npz" for number in range(65)], "there are 65 files, and 1 to 64 are allowed"),
+        (["weights (1).npz"], r"'weights \(1\)\.npz' has more than letters"),
+        ([], "there are 0 files"),
+    ],
+    ids=["too many", "a name with blanks", "none"],
+)
+def test_what_could_not_be_read_back_is_not_written(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], says: str
+) -> None:
+    files = dict.fromkeys(names, "0" * 64)
+    monkeypatch.setattr(weights_file, "intact_manifest", lambda _: {"files": files})
+    with pytest.raises(UserError, match=says):
+        export_weights(plan_of(cache), tmp_path / "x.zip")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("limit", ["MOST_BYTES", "MOST_DESCRIPTION_BYTES"])
+def test_what_is_too_long_to_be_read_back_is_not_written(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str
+) -> None:
+    monkeypatch.setattr(weights_file, limit, 1000)
+    with pytest.raises(UserError, match="cannot be exported"):
+        export_weights(plan_of(cache), tmp_path / "x.zip")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_another_file_than_was_named_is_refused(exported: Path) -> None:
     with pytest.raises(UserError, match="not 0000"):
         read_weights(exported, sha256="0" * 64)

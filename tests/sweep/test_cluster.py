@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.sweep.cluster import NO_GPU, Capacity, Cluster
+from tactibench.run.machine import software
+from tactibench.sweep.cluster import (
+    NO_GPU,
+    Capacity,
+    Cluster,
+    Storage,
+    _WorkerView,
+    check_workers,
+)
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 
@@ -29,6 +38,10 @@ class Client:
     def submit(self, work: Any, *given: Any, **_: Any) -> Any:
         self.begun += 1
         return SimpleNamespace(result=lambda: work(*given), done=lambda: True)
+
+    def run(self, work: Any, *given: Any, on_error: str) -> dict[str, Any]:
+        assert on_error == "return"
+        return {address: work(*given) for address in self.info}
 
     def cancel(self, futures: list[Any]) -> None:
         self.cancelled = futures
@@ -63,6 +76,19 @@ def test_room() -> None:
     assert Cluster(Client({}), remote=True).capacity().gpus == 0
     assert Cluster(Client(), remote=True).capacity().gpus > 0, "nobody has come yet"
     assert "--resources GPU=1" in NO_GPU
+
+
+@pytest.mark.parametrize("name", ["tactibench", "numpy", "torch", "plugin unet", "plugin more"])
+def test_a_worker_with_other_software_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    engine = Cluster(Client({}), remote=True)
+    storage = Storage(tmp_path / "runs", tmp_path / "cache", any_machine=True)
+    check_workers(engine, storage)
+    other = _WorkerView((), {**software(), name: "9.9"})
+    monkeypatch.setattr("tactibench.sweep.cluster._view_worker", lambda _: other)
+    with pytest.raises(UserError, match=f"has {name} 9.9, this machine has {name} .*install the"):
+        check_workers(engine, storage)
 
 
 def test_a_scheduler_that_has_gone() -> None:

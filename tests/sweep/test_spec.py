@@ -127,6 +127,11 @@ def test_names_with_settings() -> None:
         ("model = 'toy'\n[[exclude]]\nmodel = 'unet'", "'exclude.1.model' names 'unet'"),
         ("model = 'toy'\n[[exclude]]\nregime = 'single'", "there is no list 'regime'"),
         ("model = 'toy'\n[[exclude]]\nmodel = 'toy'", "the exclusions leave no cell"),
+        (
+            "model = ['toy', 'unet']\nencoder = 'hertz'\n"
+            "[[exclude]]\nmodel = 'toy'\nencoder = 'hertz'",
+            "'exclude.1' leaves out no cell",
+        ),
         ("model = ", "is not valid TOML"),
         ("[generate]\ncount = 3", "the key 'generate.1.out' is missing"),
         ("[generate]\nout = 'a'\ncuont = 3", "unknown key 'generate.1.cuont'.*'count'"),

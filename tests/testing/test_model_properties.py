@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from broken import Break, changing, with_attributes
 
-from tactibench import Contacts, Frame, PlatePose, UserError
+from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 from tactibench.testing import examine, properties, run_checks, subject_of
 from tactibench.testing.runner import FAILED, PASSED, SKIPPED
 
@@ -192,6 +193,20 @@ BROKEN = [
     ),
     ("adapt", adapting(lambda self, _: self.as_trained, {"shift": np.zeros(3)}), {}),
 ]
+
+
+@pytest.mark.parametrize("shape", [(1,), (15,), (5, 1, 3), (64, 64), (64, 64, 3)])
+def test_a_nan_is_put_into_a_signal_of_any_shape(shape: tuple[int, ...]) -> None:
+    def predict(frames: list[Frame]) -> None:
+        if not np.isfinite(frames[0].signal).all():
+            raise UserError("the signal is not finite.")
+
+    frames = [Frame(np.zeros(shape, np.float32), 0.0, Pose())]
+    subject = SimpleNamespace(
+        trained=lambda: SimpleNamespace(predict=predict),
+        test_examples=SimpleNamespace(frames=frames),
+    )
+    assert examine(PROPERTIES["nan_frame"], subject).outcome == PASSED
 
 
 @pytest.fixture

@@ -168,6 +168,30 @@ def test_a_sensor_that_has_scenes_is_asked_for_those(host: Any, target: Any) -> 
     assert outcomes["deeper"] == outcomes["direction"] == SKIPPED
 
 
+def test_the_axes_of_a_taxel_are_no_colours(host: Any, target: Any) -> None:
+    """Three axes whose mean is the same under every press."""
+
+    def three_axes(frame: Frame) -> Frame:
+        levels = frame.image.astype(np.float32)
+        axes = np.stack([levels, -levels, np.zeros_like(levels)], axis=-1)
+        return replace(frame, signal=axes, rest=None)
+
+    skin = type(
+        "Skin",
+        (target("sensor"),),
+        {
+            "signal": "channels",
+            "press": lambda self, scene: three_axes(target("sensor").press(self, scene)),
+            "rest": lambda self: three_axes(target("sensor").rest(self)),
+        },
+    )
+    report = run_checks(
+        [PROPERTIES[name] for name in ("frames", "rest_frame", "deeper", "refusals")],
+        subject_of("sensor", "good_sensor", host=host("sensor", skin)),
+    )
+    assert [finding.line() for finding in report.findings if finding.outcome != PASSED] == []
+
+
 def test_a_real_sensor_need_not_repeat_itself(host: Any, target: Any) -> None:
     subject = subject_of("sensor", "good_sensor", host=host("sensor", None, origin="real"))
     assert examine(PROPERTIES["determinism"], subject).outcome == SKIPPED
