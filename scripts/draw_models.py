@@ -12,14 +12,15 @@ with its default parameters. After a new row was added (``tactibench run stabili
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import numpy as np
 from matplotlib.axes import Axes
 
-from tactibench.protocols.families import Axis
+from tactibench.board.hard_cases import FamilyErrors, family_errors
+from tactibench.board.rows import Row
+from tactibench.board.submissions import read_submissions
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.record import Record
 from tactibench.report.plots.style import (
@@ -37,7 +38,7 @@ from tactibench.report.plots.style import (
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
-SUBMISSIONS = ROOT / "leaderboards" / "submissions" / "stability"
+BOARD = ROOT / "leaderboards"
 GATE_MM = 3.0
 """Error of a contact that was missed or invented."""
 LOWEST_MM = 0.003
@@ -56,53 +57,20 @@ PANELS = {
 COLUMNS = 3
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Error of one model along a family, the easy case first.
-
-    Attributes:
-        values: Value of each case, such as a distance.
-        errors_mm: OSPA of each case, mm; NaN where there is none.
-        missed: Share of the contacts missed in each case.
-    """
-
-    values: tuple[float, ...]
-    errors_mm: tuple[float, ...]
-    missed: tuple[float, ...]
-
-
-def newest_rows(folder: Path = SUBMISSIONS) -> dict[str, Record]:
+def newest_rows(board: Path = BOARD) -> dict[str, Record]:
     """Return model -> its newest record of the newest version, trained on single presses.
 
     Only records of the protocol's own test are taken: the presses of others are not the same.
     """
-    rows: dict[str, Record] = {}
-    for path in sorted(folder.glob("*.json")):
-        record = Record.model_validate_json(path.read_text(encoding="utf-8"))
-        if record.regime != "single" or record.model.changed or record.test_sensor is not None:
-            continue
-        newest = rows.get(record.model.name)
-        if newest is None or _age(newest) < _age(record):
-            rows[record.model.name] = record
-    return rows
-
-
-def _age(record: Record) -> tuple[int, str]:
-    return record.protocol.version, str(record.created)
-
-
-def curve_of(record: Record, axis: Axis) -> Curve:
-    """Return the errors of a record along a family."""
-    cases = list(zip(axis.values, axis.groups, strict=True))
-    if axis.easy is not None:
-        cases.insert(0, (axis.easy, axis.reference))
-    errors = [record.value("ospa_mm", group) for _, group in cases]
-    missed = [record.value("missed", group) for _, group in cases]
-    return Curve(
-        tuple(value for value, _ in cases),
-        tuple(np.nan if error is None else error for error in errors),
-        tuple(0.0 if share is None else share for share in missed),
+    records = sorted(
+        read_submissions(board, "stability"), key=lambda r: (r.protocol.version, str(r.created))
     )
+    rows = {
+        record.model.name: record
+        for record in records
+        if record.regime == "single" and not record.model.changed and record.test_sensor is None
+    }
+    return dict(sorted(rows.items()))
 
 
 def draw_model(name: str, rows: dict[str, Record], path: Path) -> None:
@@ -113,16 +81,16 @@ def draw_model(name: str, rows: dict[str, Record], path: Path) -> None:
         rows: Model -> record, as ``newest_rows`` returns.
         path: File of the picture.
     """
-    axes = {axis.family: axis for axis in load_protocol("stability").spec.axes}
+    families = {axis.family: axis for axis in load_protocol("stability").spec.axes}
+    axes = [families[family] for family in PANELS]
     figure = new_figure(8.0, 4.7)
     panels = figure.subplots(-(-len(PANELS) // COLUMNS), COLUMNS, sharey=True)
-    others = [row for other, row in rows.items() if other not in (name, *TRIVIAL)]
-    for panel, (family, title) in zip(panels.flat, PANELS.items(), strict=True):
-        axis = axes[family]
-        for row in others:
-            _draw_curve(panel, curve_of(row, axis), axis.ordered, color="#CFCFCF", linewidth=1.0)
-        _draw_own(panel, curve_of(rows[name], axis), axis.ordered, name)
-        _dress(panel, axis, title)
+    curves = {model: family_errors(Row((record,)), axes) for model, record in rows.items()}
+    for k, (panel, title) in enumerate(zip(panels.flat, PANELS.values(), strict=True)):
+        for other in [model for model in curves if model not in (name, *TRIVIAL)]:
+            _draw_curve(panel, curves[other][k], color="#CFCFCF", linewidth=1.0)
+        _draw_own(panel, curves[name][k], name)
+        _dress(panel, curves[name][k], title)
     for line in panels:
         line[0].set_ylabel("error, mm", fontsize=10)
     look = model_look(name).points
@@ -130,9 +98,9 @@ def draw_model(name: str, rows: dict[str, Record], path: Path) -> None:
         handles=[
             legend_mark(name, markersize=7, **look),
             legend_mark("a tenth missed, or more", markersize=7, markerfacecolor="white", **look),
-            *_draw_curve(panels[0, 0], None, True, color="#CFCFCF", label="the other models"),
+            *_draw_curve(panels[0, 0], None, color="#CFCFCF", label="the other models"),
             *_draw_curve(
-                panels[0, 0], None, True, color=BLACK, linestyle=(0, (2, 2)), label="nothing found"
+                panels[0, 0], None, color=BLACK, linestyle=(0, (2, 2)), label="nothing found"
             ),
         ],
         loc="outside lower center",
@@ -150,34 +118,37 @@ def draw_model(name: str, rows: dict[str, Record], path: Path) -> None:
     save_png(figure, path)
 
 
-def _draw_curve(axes: Axes, curve: Curve | None, ordered: bool, **look: object) -> Sequence[object]:
+def _draw_curve(axes: Axes, curve: FamilyErrors | None, **look: object) -> Sequence[object]:
     """Draw a line, or marks where values have no order; None draws an empty line for a legend."""
-    x, y = ([], []) if curve is None else (range(len(curve.values)), curve.errors_mm)
-    if not ordered:
+    y = [] if curve is None else _errors(curve)
+    if curve is not None and not curve.axis.ordered:
         look |= {"linestyle": "none", "marker": "_", "markersize": 9}
-    return axes.plot(x, y, zorder=1, **look)  # type: ignore[arg-type]
+    return axes.plot(range(len(y)), y, zorder=1, **look)  # type: ignore[arg-type]
 
 
-def _draw_own(axes: Axes, curve: Curve, ordered: bool, name: str) -> None:
-    look = model_look(name)
-    x = np.arange(len(curve.values))
-    if ordered:
-        axes.plot(x, curve.errors_mm, color=look.color, linewidth=2.2, zorder=3)
-    for place, error, missed in zip(x, curve.errors_mm, curve.missed, strict=True):
-        face = "white" if missed >= TENTH else look.color
+def _errors(curve: FamilyErrors) -> list[float]:
+    return [np.nan if case.error is None else case.error.value for case in curve.cases]
+
+
+def _draw_own(axes: Axes, curve: FamilyErrors, name: str) -> None:
+    look, errors = model_look(name), _errors(curve)
+    if curve.axis.ordered:
+        axes.plot(range(len(errors)), errors, color=look.color, linewidth=2.2, zorder=3)
+    for x, (error, case) in enumerate(zip(errors, curve.cases, strict=True)):
+        many_missed = case.missed is not None and case.missed.value >= TENTH
         axes.plot(
-            place,
+            x,
             error,
             markersize=6.5,
-            markerfacecolor=face,
+            markerfacecolor="white" if many_missed else look.color,
             zorder=4,
             linestyle="none",
             **look.points,
         )
 
 
-def _dress(axes: Axes, axis: Axis, title: str) -> None:
-    values = [*([] if axis.easy is None else [axis.easy]), *axis.values]
+def _dress(axes: Axes, curve: FamilyErrors, title: str) -> None:
+    values = [case.value for case in curve.cases]
     axes.set_xticks(range(len(values)), [f"{value:g}" for value in values], fontsize=9)
     axes.set(yscale="log", ylim=(LOWEST_MM, 1.6 * GATE_MM), xlim=(-0.4, len(values) - 0.6))
     log_ticks(axes.yaxis, (1,))

@@ -597,16 +597,23 @@ def plot_limit(
     Raises:
         UserError: Something does not exist or does not fit, or the sensor knows no bound.
     """
-    from tactibench.report.limit_data import LimitOptions, limit_data, limit_plan
+    from tactibench.report.limit_data import limit_data
 
-    given = {name: str(value) for name, value in params.items()}
-    request = limit_plan(
-        LimitOptions(
-            sensor, given, scene, depths, spacing, yaw, radius, reach, step, tuple(nuisances)
+    return Plot(
+        limit_data(
+            sensor,
+            {name: str(value) for name, value in params.items()},
+            scene=scene,
+            depths=depths,
+            spacing=spacing,
+            yaw=yaw,
+            radius=radius,
+            reach=reach,
+            step=step,
+            nuisances=nuisances,
+            reporter=_reporter(progress),
         )
     )
-    with _reporter(progress).task("Cramer-Rao bounds", request.request.presses) as advance:
-        return Plot(limit_data(request, advance))
 
 
 def _frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

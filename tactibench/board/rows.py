@@ -136,14 +136,19 @@ def command_options(record: Record) -> str:
     return "".join(" --hidden-seed" if text == "hidden" else f" --test {text}" for text in options)
 
 
+def training_instances(record: Record) -> int:
+    """Return how many sensors of one make pressed the training frames; 0 for the sensor alone."""
+    count = record.sensor.parameters.get("instances", 0)
+    return count if isinstance(count, int) and count > 1 else 0
+
+
 def measured_on(record: Record) -> str:
     """Return "simulated sensor tactip-127", with the test sensor where that is another one."""
     test = record.test_sensor
     if test is not None and test.trained_on:
         return f"real {test.description}, trained on {test.trained_on}"
     text = f"{record.sensor.origin} sensor {record.sensor.place}"
-    count = record.sensor.parameters.get("instances", 0)
-    if isinstance(count, int) and count > 1:
+    if count := training_instances(record):
         text += f", trained on {count} instances"
     return text if test is None else f"{text}, tested on {test.description}"
 

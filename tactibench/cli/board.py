@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,13 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.completion import PROTOCOL, RUN
-from tactibench.cli.options import (
-    board_option,
-    json_option,
-    output_file,
-    save_json,
-    store_option,
-)
+from tactibench.cli.options import board_option, json_option, output_file, save_json, store_option
 from tactibench.cli.text import echo
 from tactibench.errors import UserError
 
@@ -93,14 +88,16 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
     from tactibench.board.submissions import check_folder
     from tactibench.board.trainings import compare_trainings
     from tactibench.report.board_page import page_files
+    from tactibench.report.run_summary import board_words
 
     check_folder(board_folder)
     pages = page_files(board_folder)
     stale = [page for page in pages if not page.current]
+    write = ["tactibench", "board", "write", *board_words(board_folder)]
     for page in stale:
         echo(
             f"{page.path} is not what the committed records give; "
-            "run `tactibench board write` and commit it.",
+            f"run `{shlex.join(write)}` and commit it.",
             err=True,
         )
     trainings = compare_trainings(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.options import json_option, param_option, picture_file, save_json
+from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,6 +51,8 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     terminal = Terminal()
     options = read_options(params)
     recording = open_recording(folder, options)
+    if sheet is not None and isinstance(recording.kind, ChannelKind):
+        raise UserError(f"{folder} holds {recording.kind} and no images; leave --sheet out.")
     labels = summarize_labels(label_values(recording))
     _print_facts(terminal, folder, recording)
     _print_labels(terminal, labels)
@@ -131,7 +134,6 @@ def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
 def _labels_report(recording: Recording, options: ImportOptions) -> LabelReport:
     """Return what the frames say of the labels; labels of nothing known are taken as a plate's."""
     from tactibench.datasets import LabelReport, cached_report, plate_scenes
-    from tactibench.errors import UserError
 
     scenes = recording.scenes
     if not any(scenes):

@@ -146,5 +146,8 @@ def _check_folder(data: Path, host: PluginHost) -> Line:
     except UserError as error:
         return Line("data", str(error), ok=False)
     facts = sensor.describe()
-    height, width = facts["image"]
-    return Line("data", f"{data}: {facts['count']:,} frames of {height}x{width} px: ok")
+    shape, unit = (
+        (facts["signal"], "channels") if sensor.signal == "channels" else (facts["image"], "px")
+    )
+    size = f"{'x'.join(map(str, shape))} {unit}"
+    return Line("data", f"{data}: {facts['count']:,} frames of {size}: ok")

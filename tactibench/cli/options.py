@@ -68,7 +68,7 @@ board_option = folder_option(
 full_option = click.option(
     "--full", is_flag=True, help="Print all tables, published rows and other runs of the store."
 )
-json_option = output_file("--json", "json_file", help="Write the record here.")
+json_option = output_file("--json", "json_file", help="Write the results here, as JSON.")
 picture_option = picture_file("--out", "Draw the picture.")
 
 

@@ -75,13 +75,13 @@ def show_run(
     pictures = update_pictures(run, others)
     place = place_run(run, board)
     if not full:
-        print_summary(terminal.out, run.record, run.folder, place)
+        print_summary(terminal.out, run.record, run.folder, place, board)
         return
     _print_all(terminal, run, [other.record for other in others])
     for picture in pictures:
         terminal.say(f"picture: {picture}")
     print_glossary(terminal.out, run.record)
-    terminal.say(place_line(run.record, place))
+    terminal.say(place_line(run.record, run.folder, place, board))
 
 
 def _print_all(terminal: Terminal, run: StoredRun, others: list[Record]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,11 +12,11 @@ from tactibench.cli.options import (
     add_options,
     board_option,
     json_option,
+    param_option,
     picture_file,
     picture_option,
     save_json,
 )
-from tactibench.cli.plot_limit import limit
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -146,7 +146,8 @@ def stability(
 
     \b
     tactibench run stability --model superpose
-    tactibench plot stability --out heat.png --errors curves.png
+    tactibench plot stability --out heat.png
+    tactibench plot stability --rows 'superpose (single)' --rows 'vgnn (single)' --errors curves.png
     tactibench plot stability --store runs --out heat.png --cases cases.png
     """
     from tactibench import api
@@ -192,7 +193,95 @@ def _case_frames(protocol: str, runs: Path | None, axes: Sequence[Axis]) -> Figu
     return case_frames_figure(frames, axes, title="Hard cases: the first frame of each")
 
 
-plot.add_command(limit)
+def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
+    """Read "1,3,6" as (1.0, 3.0, 6.0)."""
+    try:
+        return tuple(float(number) for number in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is no list of numbers such as 1,3,6.") from None
+
+
+@plot.command(short_help="the Cramer-Rao bound over the workspace of a sensor")
+@click.option("--sensor", default="tactip-127", show_default=True, help="Preset.")
+@param_option("sensor.NAME=VALUE", "Set one.")
+@click.option("--scene", type=click.Choice(["single", "dual"]), default="single", show_default=True)
+@click.option(
+    "--depth",
+    "depths",
+    callback=_depths,
+    metavar="MM,...",
+    default="1,3,6",
+    show_default=True,
+    help="Depths of the press, mm.",
+)
+@click.option("--spacing", type=click.FloatRange(0.1, 40), help="Of the two tips, mm; default 7.")
+@click.option("--yaw", type=click.FloatRange(-360, 360), help="Of the two tips, deg; default 0.")
+@click.option(
+    "--radius",
+    type=click.FloatRange(0.1, 20),
+    default=3.0,
+    show_default=True,
+    help="Of the tips, mm.",
+)
+@click.option(
+    "--range",
+    "reach",
+    type=click.FloatRange(0, 20),
+    default=6.4,
+    show_default=True,
+    help="Half side of the workspace, mm.",
+)
+@click.option(
+    "--step",
+    type=click.FloatRange(0.05, 20),
+    default=0.8,
+    show_default=True,
+    help="Between the presses, mm.",
+)
+@click.option(
+    "--nuisance",
+    "nuisances",
+    default="",
+    metavar="NAME,...",
+    help="Unknown properties of the camera, or all.",
+)
+@picture_option
+@json_option
+def limit(
+    params: tuple[str, ...],
+    nuisances: str,
+    out: Path | None,
+    json_file: Path | None,
+    **options: Any,
+) -> None:
+    """Show the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
+
+    No unbiased estimator has a smaller standard deviation on these frames: x, y and depth of all
+    contacts are unknown together, and so is every --nuisance. The separation is that of two tips in
+    the plane. For two tips a second table shows the smallest spacing at which they differ from one.
+
+    \b
+    tactibench plot limit --scene dual --spacing 6.5 --out map.png
+    tactibench plot limit --scene dual --radius 1 --spacing 2 --depth 0.5,1,1.5
+    tactibench plot limit --param sensor.size=256 --nuisance brightness,background,shift,roll
+    """
+    from tactibench import api
+    from tactibench.cli.output import Terminal
+
+    names = tuple(name.strip() for name in nuisances.split(",") if name.strip())
+    result = api.plot_limit(
+        params=_parameters(params), nuisances=names, progress=Terminal(), **options
+    )
+    _show(result, out, json_file)
+
+
+def _parameters(params: tuple[str, ...]) -> dict[str, str]:
+    from tactibench.run.request import read_parameters
+
+    given = read_parameters(params)
+    for kind in set(given) - {"sensor"}:
+        raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
+    return given.get("sensor", {})
 
 
 def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
@@ -206,8 +295,8 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
     if shown.title:
         terminal.out.print(Text(shown.title, style="bold"))
     terminal.out.print(Text(shown.subject, style="cyan"), soft_wrap=True)
-    for table in shown.tables:
-        if shown.title:
+    for k, table in enumerate(shown.tables):
+        if shown.title or k:
             terminal.say("")
         print_table(terminal.out, table)
     if shown.remarks:
@@ -216,5 +305,5 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
         terminal.say(remark)
     if out is not None:
         terminal.say(f"picture: {made.save(out)}")
-    save_json(json_file, shown.rows)
+    save_json(json_file, shown.rows if shown.document is None else shown.document)
     return terminal

@@ -26,8 +26,8 @@ from tactibench.report.html import AUTO, BOARD, BOTH, ORIGINS, RUNS
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Write a site into this folder instead: an index and a page a protocol, to host as "
-    "static files. Every row has a link of its own. It shows the boards, where --from says "
-    "nothing else, earlier versions of protocols included.",
+    "static files. Every row has a link of its own. Without --from it shows the boards, or the "
+    "runs of --store where that is named; earlier versions of protocols included.",
 )
 @store_option
 @board_option

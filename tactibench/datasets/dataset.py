@@ -181,7 +181,8 @@ class Dataset:
         kind = self.header.kind
         if not isinstance(kind, ImageKind):
             raise UserError(
-                f"the samples of {self.folder} hold {kind} and no images; take their signal."
+                f"the samples of {self.folder} hold {kind} and no images; take a data set of "
+                "images."
             )
         return kind
 

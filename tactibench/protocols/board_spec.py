@@ -64,6 +64,9 @@ class Column(_Frozen):
         decimals: Decimals of the values.
         interval: Whether the interval stands below the value.
         spread: Whether the standard deviation over training seeds stands beside the value.
+        percent: Whether a share is shown in per cent whose metric has no unit.
+        interpolated: Whether the seeds are counted whose value is interpolated, instead of the
+            values shown.
     """
 
     metric: Text
@@ -72,6 +75,8 @@ class Column(_Frozen):
     decimals: Decimals
     interval: bool = True
     spread: bool = True
+    percent: bool = False
+    interpolated: bool = False
 
 
 class Block(_Frozen):

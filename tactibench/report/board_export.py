@@ -21,6 +21,7 @@ from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
 from tactibench.records.record import Record
+from tactibench.report.board_tables import metric_blocks
 from tactibench.report.numbers import fixed
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
 from tactibench.report.writers.csv import csv_text
@@ -81,15 +82,13 @@ def board_latex(board: Path) -> str:
 def first_tables(board: Path, protocol: LoadedProtocol) -> Iterator[tuple[Table, list[str]]]:
     """Yield the first table of every section of one board, with the signatures of its runs."""
     name = protocol.name
-    spec = board_spec(name)
-    if not spec.blocks:
-        return
     sections, errors = _sections(board, protocol)
     for section in sections:
         rows = ordered(name, section.rows)
         title = f"{name}, {section.title}"
         signatures = [record.signature for row in rows for record in row.records]
-        yield _first_table(title, rows, spec.blocks[0], ranks(name, rows, errors)), signatures
+        block = metric_blocks(board_spec(name), rows)[0]
+        yield _first_table(title, rows, block, ranks(name, rows, errors)), signatures
 
 
 def _sections(board: Path, protocol: LoadedProtocol) -> tuple[list[Section], Errors]:

@@ -28,9 +28,7 @@ from tactibench.board.submissions import (
     records_of_version,
 )
 from tactibench.errors import UserError
-from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import BoardSpec, board_spec
-from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.loader import (
     VARIABLE,
     LoadedProtocol,
@@ -46,9 +44,9 @@ from tactibench.report.board_tables import (
     cost_blocks,
     curve_table,
     machine_list,
+    metric_blocks,
     metric_table,
     own_test_table,
-    published_blocks,
 )
 from tactibench.report.document import (
     Block,
@@ -62,6 +60,7 @@ from tactibench.report.document import (
 )
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
+from tactibench.report.published_tables import published_blocks
 from tactibench.report.section_notes import (
     count_scenes,
     describe_test,
@@ -76,14 +75,16 @@ from tactibench.shipped import shipped_folder
 READING = prose("""\
 Each table holds one sensor: simulated and real never share a column. A row is a model with its
 parameters (those that are not at their defaults), encoder and training regime, its training seeds
-pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over presses.
-`sd`: standard deviation over training seeds, which is not part of the interval. `prior knowledge`:
-what a model knew of contacts that press together besides the frames of its regime, and how many
-frames it mixed for itself out of single presses, per training frame. Models in italics are trivial.
-`n/a`: not measured, or one seed has no value. Rank: rows share one where their order may be chance,
-that of other presses and of other training seeds. Rows of two ranks differ at p < 0.05, adjusted
-for the number of comparisons (Holm). The presses of a table are those of the first one where
-nothing else is said.""")
+pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over
+presses. `sd`: standard deviation over training seeds, which is not part of the interval. `prior
+knowledge`: what a model knew of contacts that press together besides the frames of its regime, and
+how many frames it mixed for itself out of single presses, per training frame. Models in italics
+are trivial. `n/a`: not measured, or one seed has no value. Rank: rows share one where their order
+may be chance, that of other presses and of other training seeds. The first row of a rank has a
+smaller error than each row of a later rank at p < 0.05, adjusted for the number of comparisons
+(Holm). Two other rows of different ranks need not differ, and a row whose seeds scatter (`sd`) may
+share the rank of a smaller error. The presses of a table are those of the first one where nothing
+else is said.""")
 """How to read the tables of every board."""
 READING_COSTS = prose("""\
 Latency: one frame to contacts in mm, batch 1, one thread where nothing else is said. frames/s: the
@@ -346,7 +347,7 @@ def _page_section(
         *([prose(f"{BELOW}: {BELOW_BOUND}.")] if any(row.below_bound for row in rows) else []),
     ]
     ranked = ranks(name, rows, errors)
-    for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):
+    for k, table in enumerate(metric_blocks(spec, rows)):
         if table.apart:
             ordered_rows = ordered(name, rows, table.apart)
             blocks.append(
@@ -372,12 +373,3 @@ def _page_section(
     blocks.append(Group("Commits and signatures", (list_commits(runs), Fold(summary, signatures))))
     present = tuple(block for block in blocks if block is not None)
     return PageSection(section, tuple(rows), learning, present)
-
-
-def _all_metrics(rows: Sequence[Row]) -> BoardTable:
-    """Return the table of a protocol whose board declares none."""
-    names = dict.fromkeys(
-        m.metric for row in rows for record in row.records for m in record.metrics
-    )
-    columns = tuple(MetricColumn(metric=n, group="all", head=n, decimals=4) for n in names)
-    return BoardTable(title="Metrics", columns=columns)

@@ -12,12 +12,11 @@ from tactibench.board.grouping import row_anchor
 from tactibench.board.ranking import Ranks
 from tactibench.board.rows import FittedFrames, PooledMetric, Row, fitted_frames
 from tactibench.protocols.board_spec import Block as BoardTable
+from tactibench.protocols.board_spec import BoardSpec, Ranking
 from tactibench.protocols.board_spec import Column as MetricColumn
-from tactibench.protocols.board_spec import Ranking
-from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Record
-from tactibench.report.document import Block, Bullets, Group, Heading, Paragraph, Prose, prose
-from tactibench.report.labels import HEADS
+from tactibench.report.document import Block, Bullets, Group, Prose
+from tactibench.report.labels import named
 from tactibench.report.numbers import (
     Format,
     duration,
@@ -44,7 +43,6 @@ FITTED = Column(
 )
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
-PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distance error, mm"}
 
 
 def identity(row: Row) -> list[Cell]:
@@ -64,6 +62,26 @@ def identity(row: Row) -> list[Cell]:
 def seed_count(count: int) -> str:
     """Return "3", or "1 seed", which warns that nothing is known of the spread of seeds."""
     return "1 seed" if count == 1 else str(count)
+
+
+def metric_blocks(spec: BoardSpec, rows: Iterable[Row]) -> tuple[BoardTable, ...]:
+    """Return the tables that a board declares; one of all metrics where it declares none."""
+    if spec.blocks:
+        return spec.blocks
+    groups: dict[tuple[str, str], set[str]] = {}
+    for metric in (metric for row in rows for record in row.records for metric in record.metrics):
+        groups.setdefault((metric.metric, metric.unit), set()).add(metric.group)
+    columns = tuple(
+        MetricColumn(
+            metric=name,
+            # Errors by axis have no group of all test frames, but a mean.
+            group="mean" if present & {"all", "mean"} == {"mean"} else "all",
+            head=named(name, unit),
+            decimals=4,
+        )
+        for (name, unit), present in groups.items()
+    )
+    return (BoardTable(title="Metrics", columns=columns),)
 
 
 def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = None) -> Table | None:
@@ -149,11 +167,23 @@ def _fitted(frames: FittedFrames | None) -> Cell:
 
 def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:
     for column in spec.columns:
+        if column.interpolated:
+            yield _count_interpolated(row, column)
+            continue
         pooled = row.metric(column.metric, column.group)
+        if pooled is not None and column.percent:
+            pooled = replace(pooled, unit="share")
         below = _share_below(row, column, spec)
         yield metric_number(pooled, column.decimals, interval=column.interval, below=below)
         if column.spread:
             yield _spread(pooled, column.decimals)
+
+
+def _count_interpolated(row: Row, column: MetricColumn) -> str | None:
+    """Return "2 of 3", the seeds with a value whose value is interpolated."""
+    metrics = [record.metric(column.metric, column.group) for record in row.records]
+    methods = [metric.method for metric in metrics if metric and metric.value is not None]
+    return f"{methods.count('interpolated')} of {len(methods)}" if methods else None
 
 
 def _spread(pooled: PooledMetric | None, decimals: int) -> Number | None:
@@ -291,87 +321,3 @@ def _step_number(step: Step | None, decimals: int) -> Number | None:
     sd = step.error.sd
     below = seed_count(step.seeds) if sd is None else f"sd {number(sd, decimals)}"
     return metric_number(step.error, decimals, below=below)
-
-
-def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[Block]:
-    """Return the published rows of a protocol, one table a paper, with their sources."""
-    blocks: list[Block] = []
-    for paper in papers:
-        if rows := rows_for(protocol, paper):
-            blocks += _paper_blocks(paper, rows)
-    if not blocks:
-        return []
-    return [
-        Heading(2, "Published"),
-        prose("Numbers as printed, measured elsewhere by others."),
-        *blocks,
-    ]
-
-
-def _paper_blocks(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[Block]:
-    """Return the table of a paper with its source and notes.
-
-    Its columns are the metrics and groups that any of its rows has.
-    """
-    metrics = list(
-        dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items() for g in groups)
-    )
-    digits = {metric: _printed_decimals(metric, rows) for metric, _ in metrics}
-    rated = any(row.speed for row in rows)
-    heads: list[Head] = [
-        Column("model", right=False, who=True),
-        "regime",
-        *(Column(_published_head(metric, group)) for metric, group in metrics),
-        Column("n"),
-        *(["speed"] if rated else []),
-        "comparable",
-        "source",
-    ]
-    body = [
-        [
-            row.model,
-            row.regime,
-            *(_printed_number(row, m, g, digits[m]) for m, g in metrics),
-            f"{row.n:,} {row.unit}" if row.n else None,
-            *([_printed_speed(row)] if rated else []),
-            row.comparable,
-            row.source,
-        ]
-        for row in rows
-    ]
-    who = (paper.authors, Prose(", "), Text(paper.title, "italic"))
-    where = (Prose(f", {paper.year}. Measured on: "), paper.measured_on)
-    reasons = dict.fromkeys(row.note for row in rows)
-    return [
-        Heading(3, paper.name),
-        Paragraph((*who, *where, Prose("."))),
-        table(heads, body),
-        Bullets(tuple((text,) for text in (*reasons, *paper.notes))),
-    ]
-
-
-def _published_head(metric: str, group: str) -> str:
-    name = PUBLISHED_HEADS.get(metric, metric)
-    return name if group == "all" else f"{name}, {group}"
-
-
-def _printed_number(row: PublishedRow, metric: str, group: str, digits: int) -> Number | None:
-    value = row.value(metric, group)
-    if value is None:
-        return None
-    digits = min(digits, row.decimals)
-    if metric == "coverage":
-        return Number(100 * value, f"{{:.{digits - 2}f}}".format)
-    return Number(value, f"{{:.{digits}f}}".format)
-
-
-def _printed_decimals(metric: str, rows: Sequence[PublishedRow]) -> int:
-    """Return the decimals that a paper prints of a metric: the most that any value has."""
-    values = [value for row in rows for value in row.metrics.get(metric, {}).values()]
-    return max((len(str(value).partition(".")[2]) for value in values), default=0)
-
-
-def _printed_speed(row: PublishedRow) -> str | None:
-    if row.speed is None:
-        return None
-    return f"{row.speed.phase} {row.speed.per_s:g}/s, {row.speed.hardware}"

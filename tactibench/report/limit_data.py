@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,137 +26,90 @@ from tactibench.report.plot_tables import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tactibench.run.reporter import Reporter
+
 MOST_CELLS = 101
 """Most cells along one side of the map: a finer map takes minutes and shows nothing more."""
 SPACING_MM = 7.0
 """Spacing of two tips where none is given."""
 
 
-@dataclass(frozen=True)
-class LimitOptions:
-    """The presses whose limits are computed. Lengths are in mm, yaw is in degrees.
-
-    Attributes:
-        sensor: Name of a simulated sensor.
-        parameters: Parameters of the sensor that are not at their defaults.
-        scene: "single" or "dual".
-        depths: Depths of the presses.
-        spacing: Spacing of two tips; None: 7.
-        yaw: Yaw of two tips; None: 0.
-        radius: Radius of the tips.
-        reach: Half side of the workspace.
-        step: Step between the presses.
-        nuisances: Unknown properties of the camera; ("all",) for all.
-    """
-
-    sensor: str = "tactip-127"
-    parameters: Mapping[str, str] = field(default_factory=dict)
-    scene: str = "single"
-    depths: Sequence[float] = (1.0, 3.0, 6.0)
-    spacing: float | None = None
-    yaw: float | None = None
-    radius: float = 3.0
-    reach: float = 6.4
-    step: float = 0.8
-    nuisances: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class LimitData(PlotData):
-    """A figure of limits.
-
-    Attributes:
-        maps: The limits over the workspace.
-        document: JSON values that ``tactibench plot limit --json`` writes.
-    """
-
-    maps: LimitMaps = field(kw_only=True, repr=False)
-    document: Mapping[str, Any] = field(kw_only=True, repr=False)
-
-
-@dataclass(frozen=True)
-class LimitPlan:
-    """A sensor that is ready, and the presses on it.
-
-    Attributes:
-        spec: Spec of the sensor.
-        values: Values of its parameters.
-        sensor: The sensor.
-        request: The presses.
-    """
-
-    spec: SensorSpec
-    values: Mapping[str, Value]
-    sensor: Sensor
-    request: LimitRequest
-
-    @property
-    def subject(self) -> str:
-        """Sensor, tips, workspace and unknown properties, in words."""
-        label = _label(self.spec, self.values)
-        return f"{self.spec.origin} sensor {label}, {_description(self.request)}"
-
-
-def limit_plan(options: LimitOptions) -> LimitPlan:
-    """Return the sensor and the presses of a computation, which is not started yet.
-
-    Raises:
-        UserError: The sensor or a nuisance does not exist, or the options do not fit.
-    """
-    if options.scene not in ("single", "dual"):
-        raise UserError(f"there is no scene {options.scene!r}; take 'single' or 'dual'.")
-    if options.scene == "single" and (options.spacing is not None or options.yaw is not None):
-        raise UserError("--spacing and --yaw belong to two tips; add --scene dual.")
-    if not (options.step > 0 and options.reach >= 0):
-        raise UserError("the step must be above 0 mm and the range not below 0.")
-    spec = PluginHost().sensors[options.sensor]
-    values = spec.settings(dict(options.parameters))
-    sensor = _sensor(spec, values)
-    if options.scene == "single":
-        indenter = Indenter.single(options.radius)
-    else:
-        indenter = Indenter.dual(options.spacing or SPACING_MM, options.radius)
-    unknown = _nuisances(sensor, options.nuisances)
-    grid = _grid(options.reach, options.step)
-    depths = tuple(map(float, options.depths))
-    request = LimitRequest(indenter, grid, depths, options.yaw or 0.0, unknown)
-    return LimitPlan(spec, values, sensor, request)
-
-
-def limit_data(plan: LimitPlan, advance: Callable[[int], None] = lambda _: None) -> LimitData:
+def limit_data(
+    name: str,
+    params: Mapping[str, str],
+    *,
+    scene: str,
+    depths: Sequence[float],
+    spacing: float | None,
+    yaw: float | None,
+    radius: float,
+    reach: float,
+    step: float,
+    nuisances: Sequence[str],
+    reporter: Reporter,
+) -> PlotData:
     """Return the limits of a sensor over its workspace.
 
     Args:
-        plan: Sensor and presses.
-        advance: Called with the number of presses that were done.
+        name: Name of a simulated sensor.
+        params: Parameters of the sensor that are not at their defaults.
+        scene: "single" or "dual".
+        depths: Depths of the presses, mm.
+        spacing: Spacing of two tips, mm; None: 7.
+        yaw: Yaw of two tips, deg; None: 0.
+        radius: Radius of the tips, mm.
+        reach: Half side of the workspace, mm.
+        step: Step between the presses, mm.
+        nuisances: Unknown properties of the camera; ("all",) for all.
+        reporter: Shows progress.
 
     Raises:
-        UserError: The sensor refuses all presses.
+        UserError: Something does not exist or does not fit, or the sensor refuses all presses.
     """
-    request = plan.request
-    maps = map_limits(plan.sensor, request, advance)
+    if scene not in ("single", "dual"):
+        raise UserError(f"there is no scene {scene!r}; take 'single' or 'dual'.")
+    if scene == "single" and (spacing is not None or yaw is not None):
+        raise UserError("--spacing and --yaw belong to two tips; add --scene dual.")
+    distance, turn = SPACING_MM if spacing is None else spacing, yaw or 0.0
+    depths = tuple(map(float, depths))
+    if not depths:
+        raise UserError("there is no depth to press to; name one or more, such as 1, 3, 6.")
+    lengths = [("radius", radius), ("spacing", distance), ("step", step)]
+    for quantity, value in [*lengths, *(("depth", depth) for depth in depths)]:
+        if not (value > 0 and math.isfinite(value)):
+            raise UserError(f"{quantity} {value:g} mm is not above 0; take a positive number.")
+    if not (reach >= 0 and math.isfinite(reach) and math.isfinite(turn)):
+        raise UserError("the range must not be below 0 mm, and the yaw must be finite.")
+    spec = PluginHost().sensors[name]
+    settings = spec.settings(dict(params))
+    sensor = _sensor(spec, settings)
+    indenter = Indenter.single(radius) if scene == "single" else Indenter.dual(distance, radius)
+    unknown, grid = _nuisances(sensor, nuisances), _grid(reach, step)
+    request = LimitRequest(indenter, grid, depths, turn, unknown)
+    with reporter.task("Cramer-Rao bounds", request.presses) as advance:
+        maps = map_limits(sensor, request, advance)
+    subject = f"{spec.origin} sensor {_label(spec, settings)}, {_description(request)}"
 
     def draw() -> Figure:
         from tactibench.report.plots.limit import limit_figure
 
-        return limit_figure(maps, measured_on=plan.subject)
+        return limit_figure(maps, measured_on=subject)
 
-    spec, values, rows = plan.spec, dict(plan.values), rows_of(maps)
-    identity = {"name": spec.name, "origin": spec.origin, "parameters": values}
+    rows = rows_of(maps)
+    identity = {"name": spec.name, "origin": spec.origin, "parameters": dict(settings)}
     tables, remarks = [limit_table(maps)], [*limit_remarks(maps)]
     if maps.spacings is not None:
         tables.append(spacing_table(maps))
         remarks += spacing_remarks(maps)
-    return LimitData(
+    return PlotData(
         title="",
-        subject=plan.subject,
+        subject=subject,
         tables=tuple(tables),
         rows=rows,
         draw=draw,
         remarks=tuple(remarks),
-        maps=maps,
         document={
-            "sensor": {**identity, "description": plan.sensor.describe()},
+            "sensor": {**identity, "description": sensor.describe()},
             **_json(request),
             "metrics": rows,
             "maps_mm": _cells(maps),

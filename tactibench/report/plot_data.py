@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactibench.board.curve import curves, new_sensor_curves
 from tactibench.board.frontier import frontiers
@@ -54,6 +54,7 @@ class PlotData:
         rows: The numbers, one mapping a point.
         draw: Draws the figure.
         draw_detail: Draws the curves behind a heat map; None where there is no such figure.
+        document: JSON values for ``--json``; None: the rows.
     """
 
     title: str
@@ -63,6 +64,7 @@ class PlotData:
     draw: Callable[[], Figure] = field(repr=False)
     remarks: tuple[str, ...] = ()
     draw_detail: Callable[[], Figure] | None = field(default=None, repr=False)
+    document: dict[str, Any] | None = field(default=None, repr=False)
 
 
 def frontier_data(

@@ -231,4 +231,5 @@ def spacing_remarks(maps: LimitMaps) -> Iterator[str]:
     lines = spacing_summary(maps)
     if unbounded := sum(line["unbounded"] for line in lines):
         total = len(lines) * math.prod(maps.request.coarse.shape)
-        yield f"{unbounded:,} of {total:,} presses have none: one tip leaves the dome before."
+        presses = f"{unbounded:,} of {total:,} presses"
+        yield f"{presses} have no such spacing: one tip leaves the dome before."

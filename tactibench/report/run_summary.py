@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
@@ -58,14 +59,17 @@ TERMS = {
 """Metrics whose names the glossary explains -> the word in the glossary."""
 
 
-def print_summary(console: Console, record: Record, folder: Path, place: Placement | None) -> None:
+def print_summary(
+    console: Console, record: Record, folder: Path, place: Placement | None, board: Path
+) -> None:
     """Print a run in about ten lines.
 
     Args:
         console: Console to print on.
         record: Record of the run.
-        folder: Folder of the run.
-        place: Place of the run on a board; None where it has none.
+        folder: Folder of the run, in its store.
+        place: Place of the run on the board; None where it has none.
+        board: Folder of the board.
     """
     headline = headline_table(record)
     console.print(Text(f"{_protocol(record)}  {record.protocol.title}", style="bold"))
@@ -80,7 +84,7 @@ def print_summary(console: Console, record: Record, folder: Path, place: Placeme
         console.print(Text(line), soft_wrap=True)
     console.print(Text(record.signature, style="dim"), soft_wrap=True)
     console.print(_rest(record, folder), soft_wrap=True)
-    console.print(Text(place_line(record, place)), soft_wrap=True)
+    console.print(Text(place_line(record, folder, place, board)), soft_wrap=True)
 
 
 def headline_table(record: Record) -> Table:
@@ -135,9 +139,17 @@ def _star(row: SpeedRow) -> str:
     return "" if settled_time(row) else "*"
 
 
-def place_line(record: Record, place: Placement | None) -> str:
-    """Return rank, distance to the bound, and what to do next, in one line."""
-    return f"place: {'; '.join(_place(record, place))}"
+def place_line(record: Record, folder: Path, place: Placement | None, board: Path) -> str:
+    """Return rank, distance to the bound, and what to do next, in one line.
+
+    Args:
+        record: Record of the run.
+        folder: Folder of the run, in its store.
+        place: Place of the run on the board; None where it has none.
+        board: Folder of the board.
+    """
+    parts = [*_place(record, place), f"next: {_next(record, folder.parent, place, board)}"]
+    return f"place: {'; '.join(parts)}"
 
 
 def _place(record: Record, place: Placement | None) -> Iterator[str]:
@@ -164,21 +176,28 @@ def _place(record: Record, place: Placement | None) -> Iterator[str]:
         if limit is not None and limit.value is not None and threshold is not None:
             shown = metric_number(threshold, 2, interval=False)
             yield f"threshold {shown or 'n/a'} mm, limit {number(limit.value, 2)} mm"
-    yield f"next: {_next(record, place)}"
 
 
-def _next(record: Record, place: Placement | None) -> str:
+def board_words(board: Path) -> list[str]:
+    """Return the option that names a board in a command; [] for the default one."""
+    return [] if board == Path("leaderboards") else ["--board", str(board)]
+
+
+def _next(record: Record, store: Path, place: Placement | None, board: Path) -> str:
     if record.partial:
         return "the same command without --quick and --limit"
+    on_board = board_words(board)
     if record.limits.presses is not None:
-        return f"`tactibench plot curve {_protocol(record)} --store runs`"
-    if place is None:
-        return f"`tactibench board add {record.name} --board FOLDER`"
-    default = place.board is None or place.board == Path("leaderboards")
-    board = "" if default else f" --board {place.board}"
-    if place.committed:
-        return f"it is on the board, see `tactibench board show {_protocol(record)}{board}`"
-    return f"`tactibench board add {record.name}{board}`"
+        words = ["plot", "curve", _protocol(record), "--store", str(store), *on_board]
+    elif place is not None and place.committed:
+        words = ["board", "show", _protocol(record), *on_board]
+    else:
+        in_store = [] if store == Path("runs") else ["--store", str(store)]
+        words = ["board", "add", record.name, *in_store, *on_board]
+    command = shlex.join(["tactibench", *words])
+    if not board.is_dir():  # a verb refuses a board that is not there
+        command = f"{shlex.join(['mkdir', str(board)])} && {command}"
+    return f"it is on the board, see `{command}`" if words[1] == "show" else f"`{command}`"
 
 
 def _protocol(record: Record) -> str:

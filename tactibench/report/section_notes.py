@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from tactibench.board.rows import TRIVIAL, Row, command_options, fitted_frames, trained_on
+from tactibench.board.rows import (
+    TRIVIAL,
+    Row,
+    command_options,
+    fitted_frames,
+    trained_on,
+    training_instances,
+)
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.record import Record
 from tactibench.report.document import Block, Inline, Paragraph, Prose, prose
@@ -45,11 +52,13 @@ def describe_test(record: Record, shots: bool) -> list[Block]:
     if trained_on(record):  # what it was trained on stands in the title
         fitted = _fitted_frames(record).strip()
         return [prose(fitted)] if fitted else []
-    parts: list[Inline] = [
-        Prose(f"Trained on the sensor itself and tested on {counted}: "),
-        Text(command_options(record)[1:], "code"),
-        Prose("."),
-    ]
+    instances = training_instances(record)
+    learned_from = f"{instances} sensors of the make" if instances else "the sensor itself"
+    told = f"Trained on {learned_from} and tested on {counted}"
+    options = command_options(record)[1:]
+    parts: list[Inline] = [Prose(f"{told} of {tested.description}.")]
+    if options:
+        parts = [Prose(f"{told}: "), Text(options, "code"), Prose(".")]
     if shots:
         parts.append(
             Prose(" Rows with labelled presses were shown so many of it before (`--test shots=N`).")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -164,8 +165,24 @@ def test_the_limits_of_a_sensor_have_their_numbers(tmp_path: Path) -> None:
     assert made.save(tmp_path / "limit.png").stat().st_size > 1000
     with pytest.raises(UserError, match="does not know what limits"):
         api.plot_limit("recorded", **options)
-    with pytest.raises(UserError, match="'single' or 'dual'"):
-        api.plot_limit(scene="triple", **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"scene": "triple"}, "'single' or 'dual'"),
+        ({"scene": "dual", "spacing": 0.0}, "spacing 0 mm is not above 0"),
+        ({"radius": -3.0}, "radius -3 mm is not above 0"),
+        ({"radius": math.nan}, "radius nan mm is not above 0"),
+        ({"step": math.inf}, "step inf mm is not above 0"),
+        ({"depths": [1, 0]}, "depth 0 mm is not above 0"),
+        ({"depths": []}, "there is no depth to press to"),
+        ({"reach": math.inf}, "the range must not be below 0 mm"),
+    ],
+)
+def test_limits_of_no_possible_press_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        api.plot_limit(**{"progress": False, **options})
 
 
 @pytest.mark.parametrize("kind", ["curve", "stability"])

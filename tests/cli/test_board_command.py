@@ -7,9 +7,13 @@ import json
 from pathlib import Path
 
 import pytest
+from changed_record import changed_record
+from stored_answers import store_run
 
 from tactibench.board.submissions import compact
+from tactibench.protocols.loader import load_protocol
 from tactibench.records.store import with_checksum
+from tactibench.shipped import shipped_folder
 
 
 def test_runs_are_added_written_and_checked(cli, stored_run):
@@ -37,6 +41,10 @@ def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored_run):
     cli("board", "write")
     Path("leaderboards/exp1.md").unlink()
     assert "leaderboards/exp1.md is not" in cli("board", "check")[2]
+    Path("leaderboards").rename("lab")
+    assert (
+        "run `tactibench board write --board lab` and" in cli("board", "check", "--board", "lab")[2]
+    )
 
 
 @pytest.mark.parametrize(("weights", "code"), [("a", 0), ("b", 1)])
@@ -136,6 +144,27 @@ def test_the_ranked_rows_are_shown(cli, refused, stored_run):
     assert out.index("  unet ") < out.index("  cnn ")
     assert "0.0500 [0.0450, 0.0550]" in out
     assert out.endswith("all tables: leaderboards/exp1.md\n")
+
+
+def test_a_protocol_without_a_board_file_shows_all_metrics_in_one_table(
+    cli, fabricate, tmp_path, monkeypatch
+):
+    text = (shipped_folder("protocols") / "exp1.toml").read_text(encoding="utf-8")
+    (tmp_path / "protocols").mkdir()
+    (tmp_path / "protocols" / "mine.toml").write_text(text.replace('id = "exp1"', 'id = "mine"'))
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path / "protocols"))
+    own = {"protocol.id": "mine", "protocol.hash": load_protocol("mine").hash}
+    made = fabricate(metrics=(("mae_mm", "x", 0.5), ("mae_mm", "mean", 0.25)))
+    store_run(Path("runs"), changed_record(made, own))
+    Path("leaderboards").mkdir()
+    assert cli("board", "add", made.name)[0] == 0
+    code, out, _ = cli("board", "show", "mine")
+    assert code == 0
+    cli("board", "export", "--latex", "mine.tex")
+    for shown in (out, Path("mine.tex").read_text(), Path("leaderboards/mine.md").read_text()):
+        assert "MAE, mm" in shown
+        assert "0.2500" in shown
+        assert "missed contacts, " in shown
 
 
 def test_a_cell_that_a_spreadsheet_would_compute_is_text():

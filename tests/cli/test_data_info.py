@@ -103,7 +103,8 @@ def test_no_line_is_cut_on_a_narrow_terminal(cli, bristol, monkeypatch):
         (["no"], "does not exist"),
         (["bristol", "--sheet", "sheet.jpg"], "no PNG file"),
         (["bristol", "--json", "no/info.json"], "is not there"),
+        (["channels", "--sheet", "a.png"], "holds 15 channels and no images; leave --sheet out"),
     ],
 )
-def test_mistakes(refused, bristol, arguments, says):
+def test_mistakes(refused, bristol, channels, arguments, says):
     assert says in refused("data", "info", *arguments)

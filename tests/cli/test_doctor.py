@@ -78,3 +78,9 @@ def test_a_folder_of_frames_is_checked(cli: Any, tmp_path: Path) -> None:
     code, out, _ = cli("doctor", "--data", folder)
     assert code == 0
     assert f"data      {folder}: 3 frames of 8x9 px: ok\n" in out
+
+
+def test_a_data_set_of_channels_is_checked(cli: Any, channels: Path) -> None:
+    code, out, _ = cli("doctor", "--data", channels)
+    assert code == 0
+    assert f"data      {channels}: 3 frames of 15 channels: ok\n" in out

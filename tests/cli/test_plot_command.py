@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
 
 from tactibench.board.submissions import compact, text_of
+from tactibench.cli.plot import plot
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -83,15 +85,23 @@ def test_mistakes(refused, board, arguments, words):
 BOARDS = Path(__file__).parents[2] / "leaderboards"
 
 
+def examples():
+    """Lines of help texts that draw something from a board alone."""
+    lines = "\n".join(str(verb.help) for verb in (plot, *plot.commands.values())).splitlines()
+    found = [line.strip().partition("  ")[0] for line in lines if "--store" not in line]
+    return [one for one in found if one.startswith("tactibench plot") and " limit" not in one]
+
+
 @pytest.mark.long
-def test_hard_cases_are_a_heat_map_with_curves_behind_it(cli):
-    pictures = ("--out", "heat.png", "--errors", "curves.png")
-    rows = ("--rows", "superpose (single)", "--rows", "vgnn (single)")
-    code, out, err = cli("plot", "stability", "--board", BOARDS, *rows, *pictures)
+@pytest.mark.parametrize("example", examples())
+def test_an_example_draws_the_committed_rows(cli, example):
+    Path("docs/images").mkdir(parents=True)
+    words = shlex.split(example)[1:]
+    code, out, err = cli(*words, "--board", BOARDS)
     assert (code, err) == (0, "")
-    assert "picture: heat.png" in out
-    assert "picture: curves.png" in out
-    assert all(Path(name).read_bytes().startswith(PNG) for name in pictures[1::2])
+    pictures = [word for word in words if word.endswith(".png")]
+    assert all(f"picture: {picture}" in out for picture in pictures)
+    assert all(Path(picture).read_bytes().startswith(PNG) for picture in pictures)
 
 
 @pytest.mark.long

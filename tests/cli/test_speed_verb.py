@@ -46,7 +46,7 @@ def test_random_weights_are_timed_and_said_to_be(short: Any, cli: Any, tmp_path:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        (("unet",), "tactibench run exp1 --model unet --train-only"),
+        (("unet", "--protocol", "exp2"), "tactibench run exp2 --model unet --train-only"),
         (("unet", "--train", "--untrained"), "exclude each other"),
         (("mean", "--untrained"), "no random weights"),
         (("unte",), "did you mean 'unet'?"),

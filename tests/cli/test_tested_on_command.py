@@ -21,6 +21,10 @@ NEAREST = ("run", "exp2", "--model", "nearest")
         (["--test", "sensor.instanse=1"], ["no parameter 'instanse'", "did you mean 'instance'?"]),
         (["--test", "sensor.instance=x"], ["must be a whole number"]),
         (["--test", "sensor.instance=0"], ["what the training frames are made with already"]),
+        (
+            ["--hidden-seed", "--test", "sensor.instance=0"],
+            ["what the training frames are made with"],
+        ),
         (["--test", "reference", "--sensor", "planar-grid"], ["no reference scenes", "tactip-127"]),
         (
             ["--test", "reference", "--param", "sensor.instance=3"],
@@ -44,6 +48,7 @@ def test_mistakes(refused: Any, arguments: list[str], words: list[str]) -> None:
     sentence = refused(*NEAREST, *arguments, "--dry-run")
     for word in words:
         assert word in sentence
+    assert "--test hidden" not in sentence, "the option is --hidden-seed"
 
 
 def test_a_recording_is_refused(refused: Any, tmp_path: Any) -> None:

@@ -230,6 +230,25 @@ def test_the_share_of_resolved_pairs_stands_below_the_error_of_a_distance(fabric
     assert cell == "1.25<br><sub>50 %</sub>"
 
 
+def test_lapses_are_in_per_cent_and_rejected_fits_are_counted_by_seed(fabricate):
+    def trained(seed, lapse, method):
+        metrics = (("threshold_mm", "all", 9.0), ("threshold_lapse", "all", lapse))
+        record = fabricate("exp2", seed=seed, metrics=metrics)
+        found = [
+            metric.model_copy(update={"method": method})
+            if metric.metric == "threshold_mm"
+            else metric
+            for metric in record.metrics
+        ]
+        return record.model_copy(update={"metrics": found})
+
+    seeds = [trained(0, 0.05, None), trained(1, 0.06, "interpolated"), trained(2, 0.1, None)]
+    ((row,),) = tables(made(seeds, "exp2"))["Two-point threshold"]
+    assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("7.0", "1 of 3")
+    ((row,),) = tables(made([fabricate("exp2")], "exp2"))["Two-point threshold"]
+    assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("n/a", "n/a")
+
+
 def test_another_version_of_the_protocol_says_so(fabricate):
     old = fabricate()
     old.protocol.hash = "f" * 64

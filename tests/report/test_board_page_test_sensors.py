@@ -35,6 +35,15 @@ OTHER = {
 }
 
 
+NOMINAL_ONE = {
+    "name": "tactip-127",
+    "parameters": {"instance": 0},
+    "asked": [],
+    "on": "the nominal sensor",
+    "presses": 1000,
+}
+
+
 @pytest.fixture
 def tested(fabricate):
     def made(on, test=1000, **more):
@@ -94,6 +103,15 @@ def test_the_page_says_how_many_frames_and_how_to_add_trivial_rows(records):
     assert "tested on 1,000 presses: `--test sensor.instance=1`." in text
     assert "### Cost" not in part.partition("<summary>Simulated")[0]
     assert board_page(load_protocol("exp1"), records[::-1], []).markdown() == text
+
+
+def test_the_page_says_how_many_sensors_a_model_learned_from(tested):
+    text = board_page(
+        load_protocol("exp1"), [tested(NOMINAL_ONE, sensor={"instances": 64})], []
+    ).markdown()
+    told = "Trained on 64 sensors of the make and tested on 1,000 presses of the nominal sensor."
+    assert told in text
+    assert ": ``" not in text
 
 
 def test_they_stand_beside_the_same_weights_on_the_protocols_own_test(fabricate, tested):

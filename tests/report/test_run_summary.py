@@ -25,11 +25,26 @@ from tactibench.report.run_summary import (
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = Path("runs/somewhere")
+BOARD = Path("leaderboards")
+
+
+@pytest.fixture(autouse=True)
+def in_folder_with_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is next depends on the boards that are there."""
+    monkeypatch.chdir(tmp_path)
+    BOARD.mkdir()
+    Path("lab").mkdir()
+
+
+def placed(
+    record: Record, place: Placement | None, folder: Path = FOLDER, board: Path = BOARD
+) -> str:
+    return place_line(record, folder, place, board)
 
 
 def summary(record: Record, place: Placement | None = None, *, terminal: bool = False) -> str:
     console = Console(file=io.StringIO(), width=80, force_terminal=terminal)
-    print_summary(console, record, FOLDER, place)
+    print_summary(console, record, FOLDER, place, BOARD)
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -64,7 +79,7 @@ def test_a_protocol_without_tables_shows_its_first_metrics(
 def test_a_partial_run_says_so_and_has_no_rank(fabricate: Callable[..., Record]) -> None:
     made = fabricate(partial=True, limits={"quick": True, "limit": 10})
     assert "PARTIAL (quick, limit 10): not for a board" in summary(made)
-    line = place_line(made, None)
+    line = placed(made, None)
     assert line.startswith("place: no rank, a shortened run is on no board")
     assert "without --quick and --limit" in line
 
@@ -72,20 +87,47 @@ def test_a_partial_run_says_so_and_has_no_rank(fabricate: Callable[..., Record])
 def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None:
     ranking, above = ranking_error("exp1"), Row((fabricate(model="cnn", error=0.0412),))
     made = fabricate(metrics=tuple(("rmse_over_bound", axis, value) for axis, value in RATIOS))
-    line = place_line(made, Placement(ranking, 3, 9, above))
+    line = placed(made, Placement(ranking, 3, 9, above))
     assert "rank 3 of 9 by GOSPA (p = 1), above it cnn + hertz (single) 0.0412" in line
     assert "RMSE 1.50 to 1,021 times the bound" in line
     assert line.endswith(f"next: `tactibench board add {made.name}`")
-    lab = place_line(made, Placement(ranking, 3, 9, above, Path("lab")))
-    assert lab.endswith(f"next: `tactibench board add {made.name} --board lab`")
-    there = place_line(made, Placement(ranking, 3, 9, above, Path("lab"), committed=True))
-    assert there.endswith("it is on the board, see `tactibench board show exp1 --board lab`")
-    assert "rank 1 of 9 by GOSPA (p = 1), nothing above" in place_line(
+    assert "rank 1 of 9 by GOSPA (p = 1), nothing above" in placed(
         made, Placement(ranking, 1, 9, None)
     )
-    assert "no rank yet, which takes 3 seeds and 20 presses, above it cnn" in place_line(
+    assert "no rank yet, which takes 3 seeds and 20 presses, above it cnn" in placed(
         made, Placement(ranking, None, 9, above)
     )
+
+
+@pytest.mark.parametrize(
+    ("store", "board", "presses", "committed", "hint"),
+    [
+        ("runs", "leaderboards", None, False, "`tactibench board add NAME`"),
+        (
+            "my runs",
+            "lab",
+            None,
+            False,
+            "`tactibench board add NAME --store 'my runs' --board lab`",
+        ),
+        ("runs", "new", None, False, "`mkdir new && tactibench board add NAME --board new`"),
+        ("old", "lab", None, True, "on the board, see `tactibench board show exp1 --board lab`"),
+        ("old", "leaderboards", 250, False, "`tactibench plot curve exp1 --store old`"),
+        ("runs", "lab", 250, False, "`tactibench plot curve exp1 --store runs --board lab`"),
+    ],
+)
+def test_what_is_next_can_be_pasted(
+    fabricate: Callable[..., Record],
+    store: str,
+    board: str,
+    presses: int | None,
+    committed: bool,
+    hint: str,
+) -> None:
+    made = fabricate(limits={"presses": presses})
+    place = Placement(ranking_error("exp1"), 1, 9, None, committed=True) if committed else None
+    line = placed(made, place, Path(store) / made.name, Path(board))
+    assert line.endswith(hint.replace("NAME", made.name))
 
 
 RATIOS = (("x", 1.5), ("y", 20.0), ("z", 1021.3))
@@ -100,7 +142,7 @@ def test_pairs_are_held_against_the_limit(
             {**made.metrics[0].json_values(), "metric": "limit_mm", "group": "all", "value": 0.34}
         )
     )
-    assert ", limit 0.34 mm" in place_line(made, None)
+    assert ", limit 0.34 mm" in placed(made, None)
 
 
 def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -> None:
