@@ -6,7 +6,6 @@ written when it is complete, and a later session makes the presses that the data
 
 from __future__ import annotations
 
-import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -30,7 +29,7 @@ from tactibench_tactip.press_result import PressResult
 from tactibench_tactip.robots.base import RecoverableRobot
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
-from tactibench_tactip.touch import FirstTouch, find_touch
+from tactibench_tactip.touch import FirstTouch, TouchAge, find_touch
 
 MountRequest = Callable[[Indenter, int], bool]
 """A function that asks a person to mount an indenter for a number of presses, and returns whether
@@ -125,7 +124,7 @@ class Collector:
         self._report, self._callbacks = report, callbacks
         self._session = uuid.uuid4().hex[:12]
         self._method = station.settings.contact.method
-        self._since_touch, self._touched_at = 0, 0.0
+        self._touch = TouchAge(station.settings)
         self._bad_in_row = 0
         self._recovered_at = -RECOVER_PRESSES
         self._stops: Counter[int] = Counter(
@@ -188,15 +187,10 @@ class Collector:
             if self._callbacks.should_end():
                 self._report.interrupted = True
                 return
-            if first or self._touch_is_due():
+            if first or self._touch.is_due:
                 self._find_touch(first=first)
                 first = False
             self._press(press)
-
-    def _touch_is_due(self) -> bool:
-        contact = self._settings.contact
-        age_s = (time.monotonic() - self._touched_at) * self._settings.robot.time_scale
-        return self._since_touch >= contact.every_presses or age_s >= 60.0 * contact.every_minutes
 
     def _find_touch(self, *, first: bool) -> None:
         """Take a new rest frame, find first touch from it, and check all planned poses again."""
@@ -221,7 +215,7 @@ class Collector:
             self._callbacks.notify(f"first touch drifted by {drift:+.3f} mm")
         station.check_plan(self._plan)
         self._report.touches.append(touch)
-        self._since_touch, self._touched_at = 0, time.monotonic()
+        self._touch = TouchAge(self._settings)
 
     def _press(self, press: Press) -> None:
         """Make one press until it is written.
@@ -333,7 +327,7 @@ class Collector:
             UserError: Too many samples in a row were bad.
         """
         self._writer.add_many([draft])
-        self._since_touch += 1
+        self._touch.presses += 1
         self._callbacks.advance(1)
         if not reason:
             self._report.ok += 1

@@ -5,6 +5,10 @@ from __future__ import annotations
 from tactibench import UserError
 
 
+class NotHomedError(UserError):
+    """A stage does not know where it is, and was not to drive to its switches."""
+
+
 class DeviceError(UserError):
     """A device did not do what it was asked to do; it cannot be used further in this session."""
 

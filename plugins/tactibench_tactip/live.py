@@ -66,45 +66,10 @@ class LiveReading:
         return FrameView(image, pins(image), [answer])
 
 
-@dataclass(frozen=True)
-class Latency:
-    """Latency of a loop, ms, without the wait for the frame.
-
-    Attributes:
-        p50: Median, ms.
-        p90: 90th percentile, ms.
-        p99: 99th percentile, ms.
-        mean: Mean, ms.
-        count: Number of turns.
-        dropped: Frames that came while the model was at work, for each frame that it read.
-    """
-
-    p50: float
-    p90: float
-    p99: float
-    mean: float
-    count: int
-    dropped: float
-
-    @classmethod
-    def of(cls, raw_ms: list[float], frames: int) -> Latency:
-        """Return the summary of a loop.
-
-        Args:
-            raw_ms: Latency of every turn.
-            frames: Number of frames that the camera gave meanwhile.
-        """
-        p50, p90, p99 = (float(value) for value in np.percentile(raw_ms, (50, 90, 99)))
-        dropped = max(0, frames - len(raw_ms)) / len(raw_ms)
-        return cls(p50, p90, p99, float(np.mean(raw_ms)), len(raw_ms), dropped)
-
-
 def watch(
     camera: Camera, model: Model, rest: Image, turns: int, show: Callable[[LiveReading], bool]
-) -> Latency:
-    """Let a model read the newest frame, again and again, and return the latency.
-
-    The first turns warm up and are not counted.
+) -> tuple[list[float], float]:
+    """Let a model read the newest frame, again and again; the first turns are not counted.
 
     Args:
         camera: An open camera.
@@ -112,6 +77,10 @@ def watch(
         rest: (H, W) uint8 image of the undeformed sensor.
         turns: Number of turns that are counted.
         show: Called at every turn after its time was taken; False ends the loop.
+
+    Returns:
+        The latency of every turn, ms, without the wait for the frame, and the frames that came
+        while the model was at work, for each frame that it read.
 
     Raises:
         CameraError: The camera gives no frames.
@@ -130,7 +99,8 @@ def watch(
             raw.append(latency)
         if not show(LiveReading(frame, prediction, maps, latency)):
             break
-    return Latency.of(raw or [float("nan")], camera.frames - start)
+    raw = raw or [float("nan")]
+    return raw, max(0, camera.frames - start - len(raw)) / len(raw)
 
 
 class Painter:

@@ -193,7 +193,6 @@ class Mover:
         self._robot.stop()
         end = time.monotonic() + STOP_S
         while self._robot.moving() and time.monotonic() < end:
-            self._robot.tick()
             time.sleep(TICK_S)
 
     def check(self) -> None:
@@ -211,7 +210,6 @@ class Mover:
         end = time.monotonic() + seconds / self._settings.robot.time_scale
         while (left := end - time.monotonic()) > 0:
             self.check()
-            self._robot.tick()
             time.sleep(min(TICK_S, left))
 
     def _go(self, target: Pose6, speed: float, guard: Guard | None) -> None:
@@ -241,7 +239,6 @@ class Mover:
         end = time.monotonic() + limit
         try:
             while self._robot.moving():
-                self._robot.tick()
                 self._check_halt()
                 self._check_normal()
                 self._check_way(start, target, guard)
@@ -356,12 +353,7 @@ class RobotThread:
     def _run(self) -> None:
         mover = Mover(self.robot, self._settings, self.halt)
         while True:
-            try:
-                item = self._jobs.get(timeout=TICK_S)
-            except queue.Empty:
-                with suppress(RobotError):  # the next move meets the error again
-                    self.robot.tick()
-                continue
+            item = self._jobs.get()
             if item is None:
                 break
             job, future = item

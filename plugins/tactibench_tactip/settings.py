@@ -105,6 +105,11 @@ class RobotSettings(_Table):
     allow_unhomed: bool = False
     set_tcp: bool = False
 
+    @property
+    def homes(self) -> bool:
+        """Whether connecting may drive the robot to its switches."""
+        return self.driver == "grbl" and self.home
+
     @model_validator(mode="after")
     def _check_time_scale(self) -> Self:
         local = ("127.", "localhost", "socket://127.", "socket://localhost", "/dev/pts/")

@@ -28,7 +28,7 @@ from tactibench_tactip.poses import envelope_violation
 from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.press_path import PressPath, path_of, path_seconds
 from tactibench_tactip.press_result import PressResult
-from tactibench_tactip.robots.base import HomingRobot, Robot, RobotState, make_robot
+from tactibench_tactip.robots.base import Robot, RobotState, make_robot
 from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
 
 T = TypeVar("T")
@@ -386,7 +386,7 @@ class Station:
         Raises:
             UserError: The tool stands outside the envelope.
         """
-        if isinstance(self.robot, HomingRobot) and self.robot.at_switches:
+        if self.robot.at_switches:
             mover.come_in(self.settings.robot.approach_mm_s)
         violation = envelope_violation(self.settings.envelope, mover.pose())
         if violation:

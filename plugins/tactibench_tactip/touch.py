@@ -23,7 +23,7 @@ from tactibench_tactip.errors import GuardError, NoTouchError
 from tactibench_tactip.motion import Guard, Mover
 from tactibench_tactip.poses import Array
 from tactibench_tactip.robots.base import ProbingRobot
-from tactibench_tactip.settings import Pose6
+from tactibench_tactip.settings import Pose6, Settings
 from tactibench_tactip.station import Station
 
 STEP_MM = 0.1
@@ -42,9 +42,8 @@ GRID_MM = 0.002
 ASIDE_MM = 0.2
 """Distance beside the approach of a place above which the tool goes up before it goes there."""
 
-Touched = Callable[[float, list[Image]], bool]
-"""A function of a depth that was reached and of the frames there, which returns whether there is
-contact."""
+Touched = Callable[[list[Image]], bool]
+"""A function of the frames at a place, which returns whether there is contact."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,28 @@ class FirstTouch:
     power: float = 0.0
 
 
+class TouchAge:
+    """The age of a first touch that was found just now, which tells when it is found again.
+
+    Attributes:
+        presses: Presses since then, which the caller counts.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.presses = 0
+        self._contact, self._time_scale = settings.contact, settings.robot.time_scale
+        self._found_at = time.monotonic()
+
+    @property
+    def is_due(self) -> bool:
+        """Whether ``contact.every_presses`` or ``contact.every_minutes`` have passed."""
+        age_s = (time.monotonic() - self._found_at) * self._time_scale
+        return (
+            self.presses >= self._contact.every_presses
+            or age_s >= 60.0 * self._contact.every_minutes
+        )
+
+
 @dataclass(frozen=True)
 class Approach:
     """The way down of a search at one place.
@@ -78,21 +99,6 @@ class Approach:
     station: Station
     place: Scene
     guard: Guard
-
-
-@dataclass(frozen=True)
-class Onset:
-    """The beginning of a signal.
-
-    Attributes:
-        at_mm: Depth at which it begins.
-        power: Power of the depth with which it grows.
-        misfit: Rms residual of the fit, as a share of the largest signal.
-    """
-
-    at_mm: float
-    power: float
-    misfit: float
 
 
 def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> FirstTouch:
@@ -144,8 +150,8 @@ def projections(images: Array, rest: Array) -> Array:
     return shares
 
 
-def fit_onset(depths: Array, signal: Array) -> Onset:
-    """Return the least-squares fit of q = a max(0, s - s0)^p.
+def fit_onset(depths: Array, signal: Array) -> tuple[float, float]:
+    """Return s0, mm, and p of the least-squares fit of q = a max(0, s - s0)^p.
 
     Args:
         depths: (N,) s, mm, ascending.
@@ -161,8 +167,7 @@ def fit_onset(depths: Array, signal: Array) -> Onset:
         k = int(np.argmin(errors))
         if errors[k] < best[0]:
             best = (float(errors[k]), float(starts[k]), float(power))
-    top = float(np.abs(signal).max())
-    return Onset(best[1], best[2], float(np.sqrt(best[0] / len(signal))) / max(top, 1e-12))
+    return best[1], best[2]
 
 
 def _untouched_guard(mover: Mover, station: Station) -> Guard:
@@ -178,7 +183,7 @@ def _visual(approach: Approach, start: float) -> tuple[float, float]:
     station = approach.station
     rest = station.rest_reference()
 
-    def touched(_: float, images: list[Image]) -> bool:
+    def touched(images: list[Image]) -> bool:
         return all(rest.change_of(image) > rest.threshold for image in images)
 
     noticed = _go_down(approach, start, touched)
@@ -189,8 +194,7 @@ def _visual(approach: Approach, start: float) -> tuple[float, float]:
         reached, frames = _look(approach, float(depth), FRAMES)
         depths.append(reached)
         images.append(np.mean(frames, axis=0))
-    onset = fit_onset(np.array(depths), projections(np.array(images), rest.mean))
-    return onset.at_mm, onset.power
+    return fit_onset(np.array(depths), projections(np.array(images), rest.mean))
 
 
 def _force(approach: Approach, start: float) -> tuple[float, float]:
@@ -204,7 +208,7 @@ def _force(approach: Approach, start: float) -> tuple[float, float]:
         )
     least = station.settings.contact.force_n
 
-    def touched(_: float, __: list[Image]) -> bool:
+    def touched(_: list[Image]) -> bool:
         force = station.do(lambda m: m.force())
         return force is not None and float(np.linalg.norm(force - before)) >= least
 
@@ -242,7 +246,7 @@ def _go_down(approach: Approach, start: float, touched: Touched) -> float:
     station.do(lambda m: press_path.raise_straight(m, station.geometry, station.settings))
     for depth in np.arange(start, end + 1e-9, STEP_MM):
         reached, images = _look(approach, float(depth), NOTICE_FRAMES)
-        if touched(reached, images):
+        if touched(images):
             return reached
     raise _nothing_touched(start, end)
 

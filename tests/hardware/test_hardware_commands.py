@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import io
 import json
+import signal
 import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from fake_station import FIXED_TOUCH, FakeRobot, make_settings, stand_in
 
-from tactibench import UserError
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError, open_sensor
 from tactibench.cli.main import call
+from tactibench_tactip import sensor
 from tactibench_tactip.commands import VERBS
+from tactibench_tactip.commands.emulate import as_toml
 from tactibench_tactip.commands.output import open_devices
 from tactibench_tactip.settings import Settings, example_configuration, read_settings
+from tactibench_tactip.station import Station
 
 Said = Callable[[], str]
 
@@ -83,13 +89,15 @@ def test_emulate_writes_a_configuration_once(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("driver", ["ur", "grbl"])
+@pytest.mark.parametrize(("driver", "happens"), [("ur", "happened"), ("grbl", "did not happen")])
 def test_emulate_prints_a_configuration_that_can_be_read(
-    driver: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    driver: str, happens: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO("quit\n"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("fault protective-stop\nquit\n"))
     assert call(["hw", "emulate", "--driver", driver]) == 0
-    settings = Settings.model_validate(tomllib.loads(capsys.readouterr().out))
+    configuration, _, answer = capsys.readouterr().out.rpartition("protective-stop ")
+    assert answer.startswith(happens)
+    settings = Settings.model_validate(tomllib.loads(configuration))
     assert settings.robot.watchdog_hz == 10.0
     assert settings.robot.driver == driver
 
@@ -114,6 +122,76 @@ def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert out.read_bytes().startswith(b"\x89PNG")
     rows = json.loads(figures.read_text())
     assert {"metric": "presses", "group": "one tip of radius 3 mm", "value": 1, "unit": ""} in rows
+
+
+@pytest.mark.parametrize("verb", ["plan exp1", "settle-test", "live unet"])
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("view.txt", "call it view.png"), ("no/view.png", "is not there; make it")],
+)
+def test_a_picture_that_cannot_be_written_is_refused_before_any_work(
+    lab: Path, capsys: pytest.CaptureFixture[str], verb: str, name: str, message: str
+) -> None:
+    out = lab.parent / name
+    assert call(["hw", *verb.split(), "--config", str(lab), "--out", str(out)]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "stops", "code", "figures"),
+    [
+        ("--dry-run-height 20", False, 0, {"made": 2, "left": 0}),
+        ("--dry-run-height 20", True, 130, {"made": 1, "left": 1}),
+        ("", False, 0, {"ok": 2, "bad": 0}),
+        ("--quiet", False, 0, {"ok": 2, "bad": 0}),
+    ],
+)
+def test_a_collection_ends_with_its_code_and_figures(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: str,
+    stops: bool,
+    code: int,
+    figures: dict[str, int],
+) -> None:
+    settings = make_settings(contact=FIXED_TOUCH)
+    config, json_file = tmp_path / "lab.toml", tmp_path / "figures.json"
+    config.write_text(as_toml(settings))
+    robot = FakeRobot(settings)
+    stand_in(robot, monkeypatch.setattr)
+    if stops:
+        robot.fails = lambda number: signal.raise_signal(signal.SIGINT) if number == 2 else None
+    plan = plan_file(tmp_path)
+    row = json.loads(plan.read_text().splitlines()[0])
+    plan.write_text("\n".join(json.dumps({**row, "id": number}) for number in range(2)))
+    arguments = f"hw collect {plan} --config {config} --out {tmp_path / 'data'} --json {json_file}"
+    assert call([*arguments.split(), *options.split()]) == code
+    values = {row["group"]: row["value"] for row in json.loads(json_file.read_text())}
+    assert figures.items() <= values.items()
+    assert ("of a robot's time" in capsys.readouterr().err) == (not options)
+
+
+@pytest.mark.parametrize(
+    ("contact", "searches"), [({"every_presses": 2}, 2), ({"every_minutes": 1e-6}, 3), ({}, 1)]
+)
+def test_the_sensor_finds_first_touch_again_as_configured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, contact: dict[str, float], searches: int
+) -> None:
+    settings = make_settings(contact=FIXED_TOUCH | contact)
+    config, found = tmp_path / "lab.toml", []
+    config.write_text(as_toml(settings))
+    stand_in(FakeRobot(settings), monkeypatch.setattr)
+
+    def find(station: Station, *, first: bool) -> None:
+        found.append(first)
+
+    monkeypatch.setattr(sensor, "find_touch", find)
+    context = SensorContext(np.random.SeedSequence(0))
+    with open_sensor("tactip", context, {"config": str(config)}) as tactip:
+        for x in (0.0, 1.0, 2.0):
+            tactip.press(Scene(Indenter.single(), Pose(x, depth=2.0)))
+    assert found == [True, False, False][:searches]
 
 
 @pytest.mark.parametrize(
@@ -142,28 +220,20 @@ def test_a_plan_that_cannot_be_pressed_is_refused_before_any_device(
 
 
 def test_the_sensor_needs_a_configuration(capsys: pytest.CaptureFixture[str]) -> None:
-    import numpy as np
-
-    from tactibench import SensorContext, open_sensor
-
-    sensor = open_sensor("tactip", SensorContext(np.random.SeedSequence(0)), {})
+    tactip = open_sensor("tactip", SensorContext(np.random.SeedSequence(0)), {})
     with pytest.raises(UserError, match=r"sensor.config=FILE.toml"):
-        sensor.describe()
-    with pytest.raises(UserError, match=r"sensor.config=FILE.toml"), sensor:
+        tactip.describe()
+    with pytest.raises(UserError, match=r"sensor.config=FILE.toml"), tactip:
         pass
 
 
 def test_the_sensor_describes_itself_while_closed(lab: Path) -> None:
-    import numpy as np
-
-    from tactibench import Indenter, Pose, Scene, SensorContext, open_sensor
-
     context = SensorContext(np.random.SeedSequence(0))
-    sensor = open_sensor("tactip", context, {"config": str(lab)})
-    assert sensor.describe()["sensor"]["dome_radius_mm"] == 20.0
-    json.dumps(sensor.describe())
+    tactip = open_sensor("tactip", context, {"config": str(lab)})
+    assert tactip.describe()["sensor"]["dome_radius_mm"] == 20.0
+    json.dumps(tactip.describe())
     with pytest.raises(UserError, match="is closed"):
-        sensor.press(Scene(Indenter.single(), Pose(depth=1.0)))
+        tactip.press(Scene(Indenter.single(), Pose(depth=1.0)))
 
 
 @pytest.mark.slow

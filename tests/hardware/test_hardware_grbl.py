@@ -13,7 +13,11 @@ from fake_station import FakeCapture
 
 from tactibench import UserError
 from tactibench_tactip.camera import Camera
-from tactibench_tactip.emulators import Clock, Fault, GrblEmulator, Rig, World
+from tactibench_tactip.commands import doctor
+from tactibench_tactip.emulators import Fault
+from tactibench_tactip.emulators.grbl import GrblEmulator
+from tactibench_tactip.emulators.touch import Rig
+from tactibench_tactip.emulators.world import Clock, World
 from tactibench_tactip.errors import NoTouchError, RobotError, StopNowError
 from tactibench_tactip.motion import RobotThread
 from tactibench_tactip.robots.base import connect_seconds
@@ -95,6 +99,20 @@ def test_a_stage_that_is_not_ready_is_refused(
         with pytest.raises(UserError, match=message):
             driver.connect()
         driver.close()
+
+
+def test_doctor_takes_a_stage_that_homes_before_it_moves(
+    stage: GrblEmulator, world: World, keys: Make
+) -> None:
+    """Opening the port resets it: it is never homed when it is looked at."""
+    before = world.tool()
+    rows = list(doctor._check("robot", doctor._robot, keys(stage.port, home=True)))
+    assert [mark for mark, _, _ in rows] == ["ok", "ok"]
+    assert "$20 1" in rows[0][2]
+    assert "not yet" in rows[1][2]
+    ((mark, _, text),) = doctor._check("robot", doctor._robot, keys(stage.port))
+    assert (mark, "not homed" in text) == ("WRONG", True)
+    assert world.tool() == before
 
 
 def test_what_is_no_grbl_is_refused(keys: Make) -> None:

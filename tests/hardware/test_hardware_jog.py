@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,38 @@ class Pushed(FakeRobot):
         self.moves.append(pose)
         self.busy, self.force = True, (0.0, 0.0, 0.0)
 
-    def tick(self) -> None:
+    def moving(self) -> bool:
         x, y, z = self.force or (0.0, 0.0, 0.0)
         self.force = (x, y, z + 4.0)
+        return self.busy
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "homes"),
+    [
+        ("", 0, [False]),
+        ("--home --yes", 0, [True]),
+        ("--by 0 0 1 --yes", 0, [True]),
+        ("--by 0 0 1", 130, []),  # nobody says that the way is clear
+        ("--home", 130, []),
+    ],
+)
+def test_a_stage_is_homed_only_where_something_is_to_move(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, code: int, homes: list[bool]
+) -> None:
+    """Connecting alone would home it, because robot.home = true."""
+    config = tmp_path / "lab.toml"
+    config.write_text(example_configuration("grbl"))
+    connected: list[bool] = []
+
+    def make(settings: Settings) -> FakeRobot:
+        connected.append(settings.robot.home)
+        return FakeRobot(settings)
+
+    monkeypatch.setattr(jog, "make_robot", make)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert call(["hw", "jog", "--config", str(config), *arguments.split()]) == code
+    assert connected == homes
 
 
 def test_force_stops_it(

@@ -59,7 +59,8 @@ def nothing(_: Lab, __: subprocess.Popen[str]) -> None:
     ("devices", "arguments", "code", "words"),
     [
         ("ur", ("doctor",), 0, "a second"),
-        ("grbl", ("doctor",), 1, "the stage is not homed"),  # it homes where it is to move
+        ("grbl", ("doctor",), 0, "each command that moves it homes it first"),
+        ("grbl", ("jog",), 2, "the stage is not homed"),  # nothing may move
         ("ur", ("settle-test", "--seconds", "3"), 0, "still within noise"),
         ("grbl", ("settle-test", "--seconds", "3"), 0, "still within noise"),
         ("ur", ("jog", "--by", "1", "0", "0", "--yes"), 0, "mm"),

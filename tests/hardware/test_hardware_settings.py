@@ -107,6 +107,15 @@ def test_a_data_set_is_bound_to_what_decides_on_frames_and_labels() -> None:
         assert Settings.model_validate(changed).record_for(begun) != begun
 
 
+def test_the_docs_name_every_key_that_binds_a_data_set() -> None:
+    docs = (Path(__file__).parents[2] / "docs" / "hardware.md").read_text()
+    refused = docs[docs.index("It refuses") : docs.index("Everything else may change")]
+    record = Settings.model_validate(tomllib.loads(example_configuration("ur"))).record()
+    for table in set(record) - {"schema", "frames"}:
+        for key in set(record[table]) - set(MAY_CHANGE.get(table, ())):
+            assert f"`{key}`" in refused
+
+
 def test_every_key_that_may_change_is_one_of_its_table() -> None:
     record = Settings.model_validate(tomllib.loads(example_configuration("ur"))).record()
     for table, names in MAY_CHANGE.items():

@@ -37,12 +37,13 @@ class SlowRobot(FakeRobot):
             self.busy, self.left = True, TICKS
             self.begun()
 
-    def tick(self) -> None:
+    def moving(self) -> bool:
         if self.busy:
             self.left -= 1
             if self.left == 0:
                 self.busy = False
                 self.log.append("finished")
+        return self.busy
 
     def stop(self) -> None:
         super().stop()

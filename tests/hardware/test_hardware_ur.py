@@ -12,7 +12,9 @@ import pytest
 from emulated import GraySensor, finish, stands
 
 from tactibench import UserError
-from tactibench_tactip.emulators import Clock, Fault, UrEmulator, World
+from tactibench_tactip.emulators import Fault
+from tactibench_tactip.emulators.ur import UrEmulator
+from tactibench_tactip.emulators.world import Clock, World
 from tactibench_tactip.errors import RobotError, RobotLostError
 from tactibench_tactip.poses import angle_between
 from tactibench_tactip.robots.ur import (

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from tactibench import Frame, Pose, Scene, Sensor, UserError
-from tactibench_tactip.emulators import Clock, Fault, Rig, World
+from tactibench_tactip.emulators import Fault
 from tactibench_tactip.emulators.grbl_firmware import Controller as GrblController
 from tactibench_tactip.emulators.motion import matrix, to_ur
+from tactibench_tactip.emulators.touch import Rig
 from tactibench_tactip.emulators.ur import dashboard_answer
 from tactibench_tactip.emulators.ur_controller import Controller as UrController
+from tactibench_tactip.emulators.world import Clock, World
 
 DEEPEST_MM = 8.0
 STAGE_RIG = Rig(work_frame=(-100.0, -100.0, -80.0, 180.0, 0.0, 0.0))
@@ -158,7 +160,7 @@ class Arm:
 def finish(robot: Any) -> None:
     """Wait until a robot has ended its move."""
     while robot.moving():
-        robot.tick()
+        pass
 
 
 def stands(world: World) -> bool:

@@ -26,7 +26,7 @@ SIDE = 48
 class FakeRobot:
     """Every move is done at once. fails: called at every move with its number, and may raise."""
 
-    turns = True
+    turns, at_switches = True, False
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -63,8 +63,6 @@ class FakeRobot:
     def depth(self) -> float:
         """Past the true first touch on the work frame's axis, at least 0."""
         return max(0.0, self.tool()[2] - TRUE_Z0)
-
-    def tick(self) -> None: ...
 
     def close(self) -> None:
         self.closed = True

@@ -14,6 +14,7 @@ from tactibench_tactip.collector import Callbacks, SessionReport
 from tactibench_tactip.commands.output import (
     device_options,
     format_duration,
+    is_quiet,
     json_option,
     number_option,
     open_devices,
@@ -74,13 +75,18 @@ def command(
         if dry_run_height is not None:
             with progress_bar("dry run", len(plan)) as advance:
                 total = dry_run(slow, plan.presses, dry_run_height, advance)
+            left = len(plan) - total
             click.echo(
                 f"{total:,} presses were moved through {dry_run_height:g} mm above the sensor; "
-                "nothing was kept"
+                f"nothing was kept{f'; {left:,} presses are left' if left else ''}"
             )
-            return 0
-        time = format_duration(estimate_seconds(plan.presses, slow))
-        click.echo(f"{len(plan):,} presses of {presses}, about {time} of a robot's time", err=True)
+            rows = [("presses", "made", total, ""), ("presses", "left", left, "")]
+            write_figures(json_file, rows)
+            return INTERRUPTED if left else 0
+        if not is_quiet():
+            time = format_duration(estimate_seconds(plan.presses, slow))
+            line = f"{len(plan):,} presses of {presses}, about {time} of a robot's time"
+            click.echo(line, err=True)
         with progress_bar("press", len(plan)) as advance:
             callbacks = Callbacks(
                 notify=lambda text: click.echo(text, err=True),

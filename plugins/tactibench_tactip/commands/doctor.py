@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import click
@@ -12,10 +13,11 @@ from tactibench import UserError
 from tactibench_tactip.camera import Camera
 from tactibench_tactip.collection import warm_up
 from tactibench_tactip.commands.output import device_options, open_devices, print_rows
+from tactibench_tactip.errors import NotHomedError
 from tactibench_tactip.frame_check import Reference
 from tactibench_tactip.motion import RobotThread
 from tactibench_tactip.poses import envelope_violation
-from tactibench_tactip.robots.base import make_robot
+from tactibench_tactip.robots.base import Robot, make_robot
 from tactibench_tactip.settings import Settings
 
 FAILED = 1
@@ -31,11 +33,10 @@ Row = tuple[str, str, str]
 def command(**device: Any) -> int:
     """Say what of a setup is reachable and what is not as the configuration says; nothing moves.
 
-    (A stage with robot.home = true is not homed for it.)
+    A stage that is not homed yet is no mistake where robot.home = true; where its tool stands is
+    then not known.
     """
-    with open_devices(**device) as (settings, emulation):
-        home = emulation is not None and settings.robot.home
-        settings = settings.with_changes(robot={"home": home})
+    with open_devices(**device) as (settings, _):
         rows = [*_check("camera", _camera, settings), *_check("robot", _robot, settings)]
     print_rows(("", "", "found"), rows)
     wrong = sum(mark == "WRONG" for mark, _, _ in rows)
@@ -82,9 +83,18 @@ def _camera(settings: Settings) -> Iterator[tuple[str, str]]:
 
 
 def _robot(settings: Settings) -> Iterator[tuple[str, str]]:
-    robot = make_robot(settings)
-    with RobotThread(robot, settings) as thread:
-        yield "robot", ", ".join(f"{key} {value}" for key, value in robot.describe().items())
+    still = settings.with_changes(robot={"home": False})  # connecting must not move it
+    robot = make_robot(still)
+    with ExitStack() as stack:
+        try:
+            thread = stack.enter_context(RobotThread(robot, still))
+        except NotHomedError:
+            if not settings.robot.home:
+                raise
+            yield "robot", _describe(robot)
+            yield "homed", "not yet; each command that moves it homes it first (robot.home = true)"
+            return
+        yield "robot", _describe(robot)
         state = thread.do(lambda mover: mover.state(), LOOK_S)
         if not state.normal:
             raise UserError(f"{state.description}; clear that first.")
@@ -99,3 +109,7 @@ def _robot(settings: Settings) -> Iterator[tuple[str, str]]:
             )
         x, y, z = pose[:3]
         yield "tool", f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm of the work frame, inside the envelope"
+
+
+def _describe(robot: Robot) -> str:
+    return ", ".join(f"{key} {value}" for key, value in robot.describe().items())

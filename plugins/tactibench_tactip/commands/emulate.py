@@ -111,7 +111,9 @@ def _carry_out(emulation: Emulation, words: list[str]) -> str:
             return "\n".join(f"{name:<16} {text}" for name, text in FAULTS.items())
         case ["fault", name, *value]:
             emulation.arm(Fault(name, value=float(value[0]) if value else None))
-            return f"{name} happened"
+            if emulation.fired()[-1].handled:
+                return f"{name} happened"
+            return f"{name} did not happen: no device that is emulated here can have it"
         case ["state"]:
             x, y, z, *_ = emulation.tool()
             outside = len(emulation.outside())

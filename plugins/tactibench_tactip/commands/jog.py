@@ -12,7 +12,7 @@ from tactibench_tactip.motion import Mover, RobotThread
 from tactibench_tactip.poses import envelope_violation
 from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.press_path import SLACK_MM, clear_height, force_guard
-from tactibench_tactip.robots.base import HomingRobot, make_robot
+from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import Pose6, Settings
 
 LOOK_S, MOVE_S = 10.0, 120.0
@@ -41,24 +41,28 @@ def command(
 ) -> None:
     """Move the tool straight, inside the envelope, and say where it is.
 
-    Without --by and --to nothing moves. A tool outside the envelope may be moved into it. Sideways
-    it moves only at clearance above the sensor. A robot that measures force stops at
-    envelope.max_force_n.
+    Without --by, --to and --home nothing moves. A tool outside the envelope may be moved into it.
+    Sideways it moves only at clearance above the sensor. A robot that measures force stops at
+    envelope.max_force_n. With robot.home = true a stage that is not homed is homed before it moves.
     """
     if by is not None and target is not None:
         raise UserError("give --by or --to, not both.")
     with open_devices(**device) as (settings, emulation):
-        if home:
-            settings = settings.with_changes(robot={"home": True})
-        robot = make_robot(settings)
-        if home and not isinstance(robot, HomingRobot):
+        if home and settings.robot.driver != "grbl":
             raise UserError("--home is for a stage; a UR knows where it is.")
-        if (by or target or home) and not yes and emulation is None:
+        moves = by is not None or target is not None
+        # Connecting alone homes a stage: where nothing is to move, that must not happen either.
+        homes = home or (moves and settings.robot.home)
+        settings = settings.with_changes(robot={"home": homes})
+        if (moves or home) and not yes and emulation is None:
+            if settings.robot.homes:
+                click.echo("A stage that is not homed drives to its switches first.", err=True)
             click.confirm("Is the way clear, and the emergency stop in reach", abort=True, err=True)
+        robot = make_robot(settings)
         with RobotThread(robot, settings) as thread:
             start = thread.do(lambda mover: mover.pose(), LOOK_S)
             _print_pose(start)
-            if by is None and target is None:
+            if not moves:
                 return
             x, y, z = target or tuple(a + b for a, b in zip(start[:3], by or (), strict=True))
             end: Pose6 = (x, y, z, *start[3:])

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from tactibench.lab import trained_model
 from tactibench_tactip.camera import Camera, Image
@@ -25,7 +26,7 @@ from tactibench_tactip.frame_check import Reference
 
 if TYPE_CHECKING:
     from tactibench.live import WatchPage
-    from tactibench_tactip.live import Latency, LiveReading, PressLoop
+    from tactibench_tactip.live import LiveReading, PressLoop
 
 REST_FRAMES = 20
 
@@ -100,9 +101,9 @@ def command(
             display.show(reading)
             return presses is None or not presses.failed
 
-        latency = watch(camera, network, rest, frames, show)
+        raw_ms, dropped = watch(camera, network, rest, frames, show)
     display.end(out)
-    _print_latency(latency, label, untrained, json_file)
+    _print_latency(raw_ms, dropped, label, untrained, json_file)
 
 
 class _Display:
@@ -136,16 +137,20 @@ class _Display:
 
             from tactibench_tactip.live import Painter
 
-            cv2.imwrite(str(out), Painter(self._pins).draw(self._last, self._label))
+            picture = Painter(self._pins).draw(self._last, self._label)
+            out.write_bytes(cv2.imencode(".png", picture)[1].tobytes())  # imwrite hides errors
             click.echo(f"picture: {out}")
 
 
-def _print_latency(latency: Latency, label: str, untrained: bool, json_file: Path | None) -> None:
-    values = {name: getattr(latency, name) for name in ("p50", "p90", "p99", "mean")}
+def _print_latency(
+    raw_ms: list[float], dropped: float, label: str, untrained: bool, json_file: Path | None
+) -> None:
+    p50, p90, p99 = (float(value) for value in np.percentile(raw_ms, (50, 90, 99)))
+    values = {"p50": p50, "p90": p90, "p99": p99, "mean": float(np.mean(raw_ms))}
     row = (label, *(f"{value:.1f}" for value in values.values()))
     print_rows(
         ("loop, ms", *values, "frames", "dropped"),
-        [(*row, f"{latency.count:,}", f"{latency.dropped:.0%}")],
+        [(*row, f"{len(raw_ms):,}", f"{dropped:.0%}")],
     )
     if untrained:
         click.echo("RANDOM WEIGHTS: the answers say nothing")

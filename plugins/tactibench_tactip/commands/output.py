@@ -45,13 +45,24 @@ def number_option(
 
 
 def picture_option(help_text: str) -> Decorator:
-    """Return the option ``--out``, which names a PNG file to draw."""
+    """Return the option ``--out``, which names a PNG file to draw; no work is done for another."""
     return click.option(
         "--out",
         type=click.Path(path_type=Path, dir_okay=False),
         metavar="FILE.png",
+        callback=_check_picture,
         help=help_text,
     )
+
+
+def _check_picture(_: click.Context, __: click.Parameter, out: Path | None) -> Path | None:
+    if out is not None and out.suffix.lower() != ".png":
+        raise UserError(
+            f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
+        )
+    if out is not None and not out.parent.is_dir():
+        raise UserError(f"the folder {out.parent} of the picture is not there; make it first.")
+    return out
 
 
 time_scale_option = number_option(
@@ -124,9 +135,15 @@ def format_duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
 
 
+def is_quiet() -> bool:
+    """Return whether the command line says --quiet: no plan and no progress is then shown."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.find_root().params.get("quiet"))
+
+
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show progress on stderr; silent where that is no terminal."""
+    """Show progress on stderr; silent with --quiet, and where that is no terminal."""
     console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn("{task.description:<20}"),
@@ -135,7 +152,7 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
         TimeRemainingColumn(),
     )
     with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
+        *columns, console=console, transient=True, disable=is_quiet() or not console.is_terminal
     ) as progress:
         task = progress.add_task(title, total=total)
         yield lambda done: progress.advance(task, done)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from tactibench import UserError
 from tactibench_tactip.commands.output import (
     Verb,
     config_option,
@@ -73,10 +72,6 @@ def command(
     Every pose of every press must lie in the envelope. Shows what has to be mounted for how many
     presses, how long it takes, and how often a hand has to mount another indenter.
     """
-    if out is not None and out.suffix.lower() != ".png":
-        raise UserError(
-            f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
-        )
     settings = read_settings(config)
     plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
     geometry = geometry_of(settings)

@@ -14,30 +14,7 @@ sensor, and so does the work frame's. Times are seconds of the world's clock, wh
 as fast as the host's.
 """
 
-from tactibench_tactip.emulators.camera import CameraEmulator
-from tactibench_tactip.emulators.device import FAULTS, Fault, FaultEvent
-from tactibench_tactip.emulators.grbl import GrblEmulator
+from tactibench_tactip.emulators.device import FAULTS, Fault
 from tactibench_tactip.emulators.rehearsal import Emulation, HiddenOffset, Rehearsal, rehearse
-from tactibench_tactip.emulators.touch import Rig, Truth
-from tactibench_tactip.emulators.ur import UrEmulator
-from tactibench_tactip.emulators.watch import Envelope
-from tactibench_tactip.emulators.world import Clock, World, simulated
 
-__all__ = [
-    "FAULTS",
-    "CameraEmulator",
-    "Clock",
-    "Emulation",
-    "Envelope",
-    "Fault",
-    "FaultEvent",
-    "GrblEmulator",
-    "HiddenOffset",
-    "Rehearsal",
-    "Rig",
-    "Truth",
-    "UrEmulator",
-    "World",
-    "rehearse",
-    "simulated",
-]
+__all__ = ["FAULTS", "Emulation", "Fault", "HiddenOffset", "Rehearsal", "rehearse"]

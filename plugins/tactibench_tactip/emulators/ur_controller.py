@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -84,7 +83,6 @@ class Controller:
         self.inputs: dict[str, float] = {}
         self.out_int, self.out_double = [0, 0, 0], [0.0] * 6
         self.slider = 1.0
-        self.messages: deque[str] = deque(maxlen=256)
         self._stop_force, self._unlock_delay, self._host = stop_force_n, unlock_delay_s, host
         self._base = matrix(world.rig.work_frame)
         self._tool = matrix(tool)
@@ -133,13 +131,10 @@ class Controller:
         A script is refused in local mode and where the safety status is not normal.
         """
         if not self.remote or self.safety != "NORMAL":
-            reason = self.safety if self.remote else "local control"
-            self.messages.append(f"a script was refused: {reason}")
             return
         self.end_program(t)
         if "reg_offset_int" not in text:
-            self.messages.append(f"a script of {len(text)} bytes is not emulated: it ends at once")
-            return
+            return  # a script that is not emulated ends at once
         self.runtime_state = PLAYING
         self._executing, self._watchdog_s, self._fed_at = False, 0.0, self._host()
         self.out_int[0] = READY
@@ -163,7 +158,6 @@ class Controller:
         if self.runtime_state != PLAYING:
             return
         if self._watchdog_s and self._host() - self._fed_at > self._watchdog_s:
-            self.messages.append("watchdog: the client was too slow, the program stops")
             self.end_program(t)
             return
         if self._operating and t >= self.world.still_s:
@@ -199,8 +193,6 @@ class Controller:
         elif command == SAFE_POSE:
             flange = from_ur(self._reals(0, 6)) @ inverse(self._tcp)
             self.out_int[1] = int(float(np.linalg.norm(flange[:3, 3])) <= REACH_MM)
-        else:
-            self.messages.append(f"command {command} is not emulated; nothing happens")
 
     def _reals(self, first: int, count: int) -> list[float]:
         """Return ``count`` double input registers from number ``first`` on."""
@@ -276,5 +268,4 @@ class Controller:
 
     def _on_force(self, t: float) -> None:
         self._guard = None
-        self.messages.append(f"protective stop: the force passed {self._stop_force:g} N")
         self.protective_stop(t)

@@ -61,9 +61,11 @@ class Robot(Protocol):
 
     Attributes:
         turns: Whether the tool can be turned.
+        at_switches: Whether it is a stage that stands at its switches.
     """
 
     turns: bool
+    at_switches: bool = False
 
     def connect(self) -> None:
         """Get ready to move, or raise an error that says why not; it may take ``connect_s``."""
@@ -95,10 +97,6 @@ class Robot(Protocol):
         """Return the present state."""
         ...
 
-    def tick(self) -> None:
-        """Keep watchdogs quiet; called at every turn of the control loop."""
-        ...
-
     def close(self) -> None:
         """Let go of the robot. Never raises."""
         ...
@@ -117,25 +115,6 @@ class RecoverableRobot(Protocol):
 
         Raises:
             RobotError: The stop cannot be released.
-        """
-        ...
-
-
-@runtime_checkable
-class HomingRobot(Protocol):
-    """A stage that finds its position at its switches.
-
-    Attributes:
-        at_switches: Whether the stage stands at its switches.
-    """
-
-    at_switches: bool
-
-    def home(self) -> None:
-        """Drive to the switches, at most HOMING_S.
-
-        Raises:
-            RobotError: The stage does not reach its switches in this time.
         """
         ...
 
@@ -180,8 +159,7 @@ def make_robot(settings: Settings) -> Robot:
 
 def connect_seconds(settings: Settings) -> float:
     """Return the time that connecting may take, s, with a stage's way to its switches."""
-    homes = settings.robot.driver == "grbl" and settings.robot.home
-    return settings.robot.connect_s + (HOMING_S if homes else 0.0)
+    return settings.robot.connect_s + (HOMING_S if settings.robot.homes else 0.0)
 
 
 def run_within(

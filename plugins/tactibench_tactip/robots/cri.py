@@ -105,9 +105,6 @@ class CriRobot(Robot):
         """Return a normal state: these robots do not report their state."""
         return RobotState(normal=True, description="not told")
 
-    def tick(self) -> None:
-        """Do nothing: there is no watchdog."""
-
     def close(self) -> None:
         """Close the robot."""
         robot, self._robot = self._robot, None

@@ -11,9 +11,9 @@ import time
 from contextlib import suppress
 
 from tactibench import UserError
-from tactibench_tactip.errors import RobotError, RobotLostError
+from tactibench_tactip.errors import NotHomedError, RobotError, RobotLostError
 from tactibench_tactip.poses import angle_between
-from tactibench_tactip.robots.base import HOMING_S, HomingRobot, ProbingRobot, Robot, RobotState
+from tactibench_tactip.robots.base import HOMING_S, ProbingRobot, Robot, RobotState
 from tactibench_tactip.robots.grbl_link import GrblLink, NoAnswerError, Status, describe_alarm
 from tactibench_tactip.settings import Pose6, Settings
 
@@ -29,7 +29,7 @@ _RATES = {"x": "$110", "y": "$111", "z": "$112"}
 _CANCEL, _RESET, _HOLD = b"\x85", b"\x18", b"!"
 
 
-class GrblRobot(Robot, HomingRobot, ProbingRobot):
+class GrblRobot(Robot, ProbingRobot):
     """A stage whose machine coordinates are the base frame.
 
     It carries the tool without turning it, so every pose has the work frame's own orientation.
@@ -53,8 +53,9 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         """Open the port, check the stage's settings, and home it where ``robot.home`` says so.
 
         Raises:
-            UserError: The port does not answer as GRBL, a setting does not fit the configuration,
-                or the stage is not homed.
+            UserError: The port does not answer as GRBL, or a setting does not fit the
+                configuration.
+            NotHomedError: The stage is not homed; all else is as it should be.
             RobotError: The stage fails.
         """
         address = self._robot.address
@@ -131,9 +132,6 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
             description = f"GRBL is in state {status.state}, somebody at the stage paused it"
             return RobotState(normal=False, description=description)
         return RobotState(normal=True, description=status.state)
-
-    def tick(self) -> None:
-        """Do nothing: GRBL has no watchdog, and moves are short."""
 
     def probe(self, pose: Pose6, speed: float) -> Pose6 | None:
         """Move towards a pose until the probe's circuit closes (``G38.3``); None: it did not.
@@ -235,9 +233,10 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         if self._link.status().state != "Alarm":
             return
         if not self._robot.home:
-            raise UserError(
-                "the stage is not homed; clear its way and run `tactibench hw jog --home`, or say "
-                "robot.home = true to let it home whenever it is connected."
+            raise NotHomedError(
+                "the stage is not homed, so its position is not known; clear its way and run "
+                "`tactibench hw jog --home` (a stage that forgets it when its port is opened needs "
+                "robot.home = true: every command that moves it then homes it first)."
             )
         self.home()
 

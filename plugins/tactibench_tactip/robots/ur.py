@@ -155,9 +155,6 @@ class UrRobot(Robot, RecoverableRobot):
             facts["time"],
         )
 
-    def tick(self) -> None:
-        """Do nothing: the process that holds the arm kicks its watchdog."""
-
     def recover(self) -> None:
         """Release a protective stop: wait, unlock, load the program again.
 

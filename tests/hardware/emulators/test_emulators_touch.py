@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from tactibench import Indenter
 from tactibench.geometry import DOME_RADIUS_MM, tip_depths, tip_positions
-from tactibench_tactip.emulators import Rig
 from tactibench_tactip.emulators.motion import Array, inverse, matrix
-from tactibench_tactip.emulators.touch import Touch
+from tactibench_tactip.emulators.touch import Rig, Touch
 
 SHIFTED = Rig(sensor_frame=(0.7, -0.4, 1.2, 180.0, 0.0, 12.0))
 INDENTERS = (

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench_tactip.emulators import Fault, UrEmulator, World
-from tactibench_tactip.emulators.ur import RtdeSession, package, split_packages
+from tactibench_tactip.emulators import Fault
+from tactibench_tactip.emulators.ur import RtdeSession, UrEmulator, package, split_packages
 from tactibench_tactip.emulators.ur_controller import (
     MOVE_L,
     PLAYING,
@@ -26,6 +26,7 @@ from tactibench_tactip.emulators.ur_controller import (
     STOPPED,
     WATCHDOG,
 )
+from tactibench_tactip.emulators.world import World
 
 SPEED = (0.02, 0.5)
 HOST = "127.0.0.51"
@@ -95,7 +96,6 @@ class TestScript:
         z = arm.z()
         arm.after(2.0, host=0.04)
         assert (arm.z() > z) == runs
-        assert runs or "watchdog" in arm.ur.messages[-1]
 
     def test_another_tcp_moves_the_pose_and_not_the_tool(self, arm: Arm) -> None:
         tool, pose = arm.world.tool(), arm.ur.pose()
@@ -113,13 +113,11 @@ class TestScript:
             arm.command(SAFE_POSE, *pose)
             assert arm.ur.out_int[1] == safe
 
-    def test_what_is_not_emulated_is_said_and_done(self, arm: Arm) -> None:
+    def test_what_is_not_emulated_is_done_at_once(self, arm: Arm) -> None:
         arm.command(41, *[0.0] * 14)
-        assert "command 41 is not emulated" in arm.ur.messages[-1]
         arm.write(STOP_SCRIPT)
         assert arm.ur.runtime_state == STOPPED
         arm.ur.load("def other():\n  popup(1)\nend\n", 0.0)
-        assert "not emulated" in arm.ur.messages[-1]
         assert arm.ur.runtime_state == STOPPED
 
 
@@ -172,7 +170,6 @@ class TestSafety:
         assert arm.ask("safetystatus") == "Safetystatus: ROBOT_EMERGENCY_STOP"
         arm.load()
         assert arm.ur.runtime_state == STOPPED
-        assert "refused" in arm.ur.messages[-1]
 
     def test_in_local_mode_no_script_runs_and_the_dashboard_only_reads(self) -> None:
         arm = Arm(remote=False)
