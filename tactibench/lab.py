@@ -16,7 +16,7 @@ from tactibench.datasets.press_plan import (
 from tactibench.errors import did_you_mean
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.mistakes import first_mistake
-from tactibench.records.files import write_json
+from tactibench.records.files import atomic, write_json
 
 if TYPE_CHECKING:
     from tactibench.plugins.base import Model
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Press",
     "PressPlan",
+    "atomic",
     "did_you_mean",
     "first_mistake",
     "open_weights",

@@ -6,9 +6,11 @@ import hashlib
 import json
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
@@ -31,46 +33,63 @@ def digest_of(arrays: Mapping[str, npt.NDArray[Any]], parameters: str) -> str:
 
 
 def write(path: Path, arrays: Mapping[str, npt.NDArray[Any]], parameters: dict[str, Any]) -> str:
-    """Write a file under a temporary name, rename it, and return its digest."""
+    """Write a file whole or not at all, and return its digest."""
+    from tactibench.lab import atomic  # scripts alone write
+
     text = json.dumps(parameters, sort_keys=True)
     digest = digest_of(arrays, text)
-    temporary = path.with_name(path.name + ".part")
-    with temporary.open("wb") as out:
-        content: dict[str, Any] = {**arrays, "parameters": np.array(text), "sha256": digest}
+    content: dict[str, Any] = {**arrays, "parameters": np.array(text), "sha256": digest}
+    with atomic(path) as out:
         np.savez_compressed(out, **content)
-    temporary.replace(path)
     return digest
 
 
-def read(
-    path: Path, title: str, remedy: str, build: Callable[[Arrays, dict[str, Any], str], Content]
-) -> Content:
-    """Read a file, check it against its checksum and build what it holds.
+@dataclass(frozen=True, eq=False)
+class DataFile(Generic[Content]):
+    """A kind of data file, and the one of that kind that ships.
 
-    Args:
-        path: The file.
+    Attributes:
+        package: Package beside whose modules the file ships.
+        name: Name of the file that ships.
         title: What the file is, for messages.
-        remedy: What to do about a bad file, for messages.
-        build: Makes the result from the file's arrays, parameters and digest.
-
-    Raises:
-        UserError: The file is unreadable, lacks something that ``build`` asks for, or does not fit
-            its own hash.
+        build: Makes the result from a file's arrays, parameters and digest.
+        script: Script that makes such a file, for messages; "": none that users have.
     """
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        text, stated = str(arrays.pop("parameters")), str(arrays.pop("sha256"))
-        if digest_of(arrays, text) != stated:
-            raise UserError(f"{title} {path} does not fit its own hash; {remedy}")
-        return build(arrays, json.loads(text), stated)
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
-        raise UserError(
-            f"{title} {path} cannot be read ({type(error).__name__}); {remedy}"
-        ) from None
 
+    package: str
+    name: str
+    title: str
+    build: Callable[[Arrays, dict[str, Any], str], Content]
+    script: str = ""
 
-def read_shipped(package: str, name: str, reader: Callable[[Path], Content]) -> Content:
-    """Read a data file that ships beside the modules of ``package``."""
-    with as_file(files(package).joinpath(name)) as path:
-        return reader(path)
+    def read(self, path: Path) -> Content:
+        """Read a file, check it against its checksum and build what it holds.
+
+        Raises:
+            UserError: The file is unreadable, lacks something that ``build`` asks for, or does not
+                fit its own hash.
+        """
+        again = f" or make it again with {self.script}" if self.script else ""
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            text, stated = str(arrays.pop("parameters")), str(arrays.pop("sha256"))
+            if digest_of(arrays, text) != stated:
+                raise UserError(
+                    f"{self.title} {path} does not fit its own hash; reinstall tactibench{again}."
+                )
+            return self.build(arrays, json.loads(text), stated)
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
+            raise UserError(
+                f"{self.title} {path} cannot be read ({type(error).__name__}); "
+                f"reinstall tactibench{again}."
+            ) from None
+
+    def shipped(self) -> Content:
+        """Return the content of the file that ships, the same object at every call."""
+        return self._shipped
+
+    @cached_property
+    def _shipped(self) -> Content:
+        with as_file(files(self.package).joinpath(self.name)) as path:
+            return self.read(path)

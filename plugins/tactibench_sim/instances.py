@@ -24,8 +24,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cache, lru_cache
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -49,7 +48,8 @@ RESERVED = 10
 FIRST_RANGES, TRAINING_RANGES = 1, 2
 """Versions of the ranges: the assumed ones, and those with sources."""
 KEPT = 64
-"""Number of domes that stay in memory, 4 MB each; others are made again when needed."""
+"""Number of domes that stay in memory, 7 MB each with their mechanics; others are made again when
+needed."""
 
 
 @dataclass(frozen=True)
@@ -298,16 +298,6 @@ def _lagrange(x: float) -> Array:
     return np.array([x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2])
 
 
-def read(path: Path) -> DomeDifferences:
-    """Read a file of domes.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    remedy = f"reinstall tactibench or make it again with {SCRIPT}."
-    return data_file.read(path, "the tables of other domes", remedy, _differences)
-
-
 def _differences(
     arrays: data_file.Arrays, parameters: dict[str, Any], digest: str
 ) -> DomeDifferences:
@@ -322,7 +312,5 @@ def _unpack(content: Mapping[str, npt.NDArray[Any]], shape: str, quantity: str) 
     return values if quantity == "force" else QUANTUM * values
 
 
-@cache
-def shipped() -> DomeDifferences:
-    """Return the domes that ship with the package."""
-    return data_file.read_shipped(__package__, FILE, read)
+DATA = data_file.DataFile(__package__, FILE, "the tables of other domes", _differences, SCRIPT)
+read, shipped = DATA.read, DATA.shipped

@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.optics.camera import NUISANCES
 from tactibench_sim.optics.noise import streams
 from tactibench_sim.optics.renderer import Renderer
 
@@ -148,6 +150,78 @@ class RenderedSensor(Sensor):
     def _rest_of(self, number: int) -> Images:  # noqa: ARG002 - one sensor has one rest frame
         """Return the rest image of the sensor instance on which press ``number`` is made."""
         return self._rest
+
+
+class BoundedSensor(RenderedSensor):
+    """A rendered sensor that knows how well its frames tell contacts.
+
+    Its contacts are tips, and the places of its markers are smooth in where and how deep they are.
+    """
+
+    nuisances = NUISANCES
+
+    @abstractmethod
+    def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
+        """Return the tips of scenes.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+
+    @abstractmethod
+    def places(self, tips: Tips) -> Array:
+        """Return the (S, P, 3) places of the markers under tips, mm, as ``Renderer`` takes them.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        """Return the (S, P, 3) places of the markers in S scenes, mm, as ``Renderer`` takes them.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        return self.places(self.indenter_tips(scenes))
+
+    def clean(self, tips: Tips) -> Array:
+        """Return (S, size, size) grey levels without noise.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        return self.renderer.clean(self.places(tips))
+
+    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
+        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
+
+        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
+        reached there.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+        """
+        from tactibench_sim.bounds import covariance  # few protocols ask for bounds
+
+        tips = self.indenter_tips([scene])
+        return covariance(tips, self.clean, self.renderer.variance, nuisances)
+
+    def bound(self, scene: Scene) -> Array:
+        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
+        from tactibench_sim.bounds import deviations
+
+        return deviations(self.covariance(scene))
+
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
+        """Return the squared d' of the scene's two contacts against the nearest single one.
+
+        ``nuisances`` are those of ``covariance``.
+        """
+        from tactibench_sim.detection import deviance  # few protocols ask for limits
+
+        tips = self.indenter_tips([scene])
+        return deviance(tips, self.clean, self.renderer.variance, nuisances)
 
 
 def thread_count() -> int:

@@ -14,14 +14,19 @@ import numpy.typing as npt
 from tactibench import Grid, Scene, SensorContext, UserError, __version__
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.mechanics import tables
-from tactibench_sim.mechanics.contact import UNTOUCHED, Tips, tips_of
-from tactibench_sim.mechanics.dome import Mechanics, TableMechanics, mechanics_for
+from tactibench_sim.mechanics.contact import Tips, tips_of
+from tactibench_sim.mechanics.dome import (
+    Mechanics,
+    TableMechanics,
+    mechanics_for,
+    tips_of_pins,
+)
 from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
+from tactibench_sim.optics.camera import Optics, optics_from
 from tactibench_sim.optics.noise import Noise, streams
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import INNER_MM, layout, tip_shares
-from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
+from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, BoundedSensor
 
 if TYPE_CHECKING:
     from tactibench_sim.training_instances import TrainingInstances
@@ -124,7 +129,7 @@ TACTIP_331_FITTED = replace(
 """Version 2 of the 331-pin sensor, fitted likewise."""
 
 
-class SimulatedTacTip(RenderedSensor):
+class SimulatedTacTip(BoundedSensor):
     """A skin-on-gel dome with pins; single-contact fields from finite elements.
 
     Attributes:
@@ -134,7 +139,6 @@ class SimulatedTacTip(RenderedSensor):
 
     preset: Preset
     versions: tuple[Preset, ...]
-    nuisances = NUISANCES
 
     def __init__(
         self,
@@ -169,8 +173,8 @@ class SimulatedTacTip(RenderedSensor):
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
-            UserError: ``instance`` and ``instances`` are both given, there is no such version, or
-                ``friction`` is given with a tier that knows no forces.
+            UserError: Two of ``table``, ``instance`` and ``instances`` are given, there is no such
+                version, or ``friction`` is given with a tier that knows no forces.
         """
         if not 1 <= version <= len(self.versions):
             raise UserError(
@@ -184,6 +188,12 @@ class SimulatedTacTip(RenderedSensor):
                 f"sensor.instance={instance} says nothing; leave one of them out, or test on that "
                 f"instance with --test sensor.instance={instance}."
             )
+        if table and (instance or instances > 1):
+            given = f"instance={instance}" if instance else f"instances={instances}"
+            raise UserError(
+                f"sensor.table={table} is of one dome, and sensor.{given} is of others; leave one "
+                "of them out."
+            )
         self._tables = tables.read(Path(table)) if table else tables.shipped()
         if self.preset.fitted:
             self._tables = tables.holding_plates(self._tables)
@@ -194,8 +204,7 @@ class SimulatedTacTip(RenderedSensor):
         if instance or self.optics.pin_loss:  # a run on the nominal sensor does not load them
             from tactibench_sim.instances import instance_tables, lost_pins, perturb
 
-            if not table:
-                self._tables = instance_tables(self._tables, instance, ranges)
+            self._tables = instance_tables(self._tables, instance, ranges)
             self.lost = lost_pins(self.preset.pins, self.optics.pin_loss, instance)
             self.optics, self.pin_length = perturb(
                 self.optics, self.pin_length, instance, ranges=ranges
@@ -206,7 +215,10 @@ class SimulatedTacTip(RenderedSensor):
         self.shares = self.preset.tip_shares()[~self.lost]
         lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
         renderer = Renderer(self.optics, lift, self.shares)
-        super().__init__(context, renderer, self.tips(UNTOUCHED)[0], threads)
+        still = np.zeros((2, *self.directions.shape))
+        inner = self.mechanics.inner  # a scene would need an indenter for which there is a table
+        resting = tips_of_pins(inner, self.directions, (still[0], still[1]), self.pin_length)
+        super().__init__(context, renderer, resting, threads)
         self.ranges = ranges
         self.instances: TrainingInstances | None = None
         if instances > 1:
@@ -215,7 +227,6 @@ class SimulatedTacTip(RenderedSensor):
             parameters = {
                 "version": version,
                 "tier": tier,
-                "table": table,
                 "pin_length": pin_length,
                 "friction": friction,
                 **optical,
@@ -258,30 +269,14 @@ class SimulatedTacTip(RenderedSensor):
         """Noise of the camera."""
         return self.optics.noise
 
-    def tips(self, tips: Tips) -> Array:
-        """Return (S, P, 3) pin tips from the dome's centre, mm.
+    def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
+        """Return the tips of scenes on the dome (``contact.tips_of``)."""
+        return tips_of(scenes)
 
-        Raises:
-            UserError: A scene cannot be pressed.
-        """
+    def places(self, tips: Tips) -> Array:
+        """Return (S, P, 3) pin tips from the dome's centre, mm."""
         loads = self.mechanics.loads(tips)
         return self.mechanics.pin_tips(loads, self.directions, self.pin_length)
-
-    def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return (S, P, 3) pin tips from the dome's centre, mm.
-
-        Raises:
-            UserError: A scene cannot be pressed.
-        """
-        return self.tips(tips_of(scenes))
-
-    def clean(self, tips: Tips) -> Array:
-        """Return (S, size, size) grey levels without noise.
-
-        Raises:
-            UserError: A scene cannot be pressed.
-        """
-        return self.renderer.clean(self.tips(tips))
 
     def surface(self, scene: Scene, grid: Grid) -> Array:
         """Return the (H, W) inward displacement of the outer skin, mm; zero beside the dome."""
@@ -293,26 +288,6 @@ class SimulatedTacTip(RenderedSensor):
         out = np.zeros(len(x))
         out[above] = self.mechanics.skin(self.mechanics.loads(tips_of([scene])), directions)[0]
         return out.reshape(grid.shape)
-
-    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
-        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
-
-        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
-        reached there.
-
-        Args:
-            scene: The press.
-            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
-        """
-        from tactibench_sim.bounds import covariance  # few protocols ask for bounds
-
-        return covariance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
-
-    def bound(self, scene: Scene) -> Array:
-        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
-        from tactibench_sim.bounds import deviations
-
-        return deviations(self.covariance(scene))
 
     def error_bounds(self, scenes: Sequence[Scene]) -> Array:
         """Return (S,) mm, how far a pin base may be from finite elements; inf: not measured."""
@@ -344,15 +319,6 @@ class SimulatedTacTip(RenderedSensor):
         forces = forces_of(self.mechanics.loads(tips))
         touching: Array = forces[0, tips.depth[0] > 0]
         return touching
-
-    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
-        """Return the squared d' of the scene's two contacts against the nearest single one.
-
-        ``nuisances`` are those of ``covariance``.
-        """
-        from tactibench_sim.detection import deviance  # few protocols ask for limits
-
-        return deviance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
 
     def calibrated_on(self) -> Mapping[str, Sequence[str]]:
         """Return the frames of the recording that a fitted version was fitted to."""

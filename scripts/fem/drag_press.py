@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench_sim.fem.body import density, require_ngsolve, spatial_strain
+from tactibench_sim.fem.body import require_ngsolve
 from tactibench_sim.fem.continuation import Continuation
 from tactibench_sim.fem.field import SpatialField
 from tactibench_sim.fem.press import SPATIAL, SpatialPress
@@ -29,7 +29,6 @@ _TIE = 100.0  # E_skin / mm, of skin that sticks
 _SLIDING_TIE = 4.0
 _ROUNDING_MM = 2e-3
 _STEP_MM = 0.1
-_SOFT = 1e-6  # as in press.py: without it, the tangent has no Cholesky factors
 _SETTINGS = replace(SPATIAL, first=0.1, smallest=1e-3, largest=0.25, steps=25)
 
 
@@ -51,7 +50,7 @@ class Drag:
         self._before.vec.data = displacement.vec
         self._last.vec.data = displacement.vec
         self._moved, self._last_moved = ngs.Parameter(0.0), ngs.Parameter(0.0)
-        energy, tangent = self._forms()
+        energy, tangent = press.forms(self._contacts)
         self._path = Continuation(
             energy,
             press.state,
@@ -90,21 +89,6 @@ class Drag:
         unit.components[0].Set((*map(float, self.direction), 0.0))
         half = 2.0 if self.press.mirror else 1.0
         return -half * float(ngs.InnerProduct(resisting, unit.vec))
-
-    def _forms(self) -> tuple[Any, Any]:
-        ngs, press = require_ngsolve(), self.press
-        forms = [ngs.BilinearForm(press.space, symmetric=True) for _ in range(2)]
-        u, *pressures = press.space.TrialFunction()
-        for (material, young), pressure in zip(press.dome.moduli.items(), pressures, strict=True):
-            stored = density(young, *spatial_strain(u), pressure)
-            soft = stored - _SOFT / (2 * young) * pressure * pressure
-            volume = ngs.dx(definedon=press.mesh.Materials(material))
-            for form, energy in zip(forms, (stored, soft), strict=True):
-                form += ngs.Variation(energy.Compile() * volume)
-        for form in forms:
-            for term in self._contacts(u):
-                form += term
-        return forms[0], forms[1]
 
     def _contacts(self, u: Any) -> list[Any]:
         ngs, press = require_ngsolve(), self.press

@@ -32,6 +32,7 @@ from modes import Chart
 from scipy.optimize import linprog
 
 from tactibench.geometry import DOME_RADIUS_MM
+from tactibench.lab import atomic
 from tactibench_sim.error_bounds import (
     RADIUS_MM,
     Bounds,
@@ -44,8 +45,7 @@ from tactibench_sim.mechanics import tables, tip_tables
 from tactibench_sim.mechanics.contact import Tips
 from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.mechanics.kernels import Array
-from tactibench_sim.mechanics.tables import Tables
-from tactibench_sim.mechanics.tip_tables import LARGEST_MM, SMALLEST_MM
+from tactibench_sim.mechanics.tables import LARGEST_MM, SMALLEST_MM, Tables
 from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.reference_frames import scenes as reference
 from tactibench_sim.reference_frames.scenes import ReferenceScene
@@ -251,9 +251,8 @@ def write(path: Path, tables: Tables, bounds: Bounds) -> str:
     content: dict[str, Any] = {"tables": tables.digest, "tips": tip_tables.shipped().digest}
     content |= {f.name: _rounded(getattr(bounds, f.name)) for f in fields(Bounds)}
     text = json.dumps(content, allow_nan=False).replace('], "', '],\n"') + "\n"
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(text)
-    temporary.replace(path)
+    with atomic(path) as out:
+        out.write(text.encode())
     return hashlib.sha256(text.encode()).hexdigest()
 
 

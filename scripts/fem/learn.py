@@ -103,7 +103,7 @@ def surroundings(
     families = []
     for radius in radii:
         runs = sorted((s for s in singles if s.radius == radius), key=lambda s: s.beta)
-        each = [_by_depth(run.depths, fields_of(run, inner)) for run in runs]
+        each = [evenly(run.depths, fields_of(run, inner), DEPTHS, DEPTH_STEP_MM) for run in runs]
         families.append(np.stack([values - each[0] for values in each]))
     betas = np.array(sorted({single.beta for single in singles}))
     coarse = on_cells(np.stack(families), singles[0].chart, AROUND)  # (M, B, S, A, B, 12)
@@ -233,18 +233,18 @@ def _turn_of(mechanics: TableMechanics, loads: Any, directions: Array, step: flo
     return turn(flat, normal).reshape(len(normal), *directions.shape)
 
 
-def _by_depth(depths: Array, values: Array) -> Array:
-    """Return values (S, ...) at depths as values at 0, DEPTH_STEP_MM, ...
+def evenly(nodes: Array, values: Array, count: int, step: float) -> Array:
+    """Return values (S, ...) at S nodes as values at ``count`` nodes 0, step, 2 step, ...
 
-    They are zero at 0, and extended linearly beyond the last depth.
+    They are zero at 0, and extended linearly beyond the last node.
     """
-    nodes, padded = np.append(0.0, depths), np.concatenate([np.zeros_like(values[:1]), values])
-    end = DEPTH_STEP_MM * (DEPTHS - 1)
-    if nodes[-1] < end:
+    nodes, padded = np.append(0.0, nodes), np.concatenate([np.zeros_like(values[:1]), values])
+    end = step * (count - 1)
+    if nodes[-1] < end - 1e-9:
         ahead = (end - nodes[-1]) / (nodes[-1] - nodes[-2])
         padded = np.concatenate([padded, padded[-1:] + ahead * (padded[-1:] - padded[-2:-1])])
         nodes = np.append(nodes, end)
-    return resampled(nodes, padded, 0, DEPTHS, DEPTH_STEP_MM)
+    return resampled(nodes, padded, 0, count, step)
 
 
 def reduced(values: Array, most: int) -> tuple[Array, Array]:

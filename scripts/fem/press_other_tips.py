@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from fem_script import output_file, report_progress, write_file
 
+from tactibench.lab import atomic
 from tactibench_sim import data_file, fem
 from tactibench_sim.fem.press import SpatialPress
 from tactibench_sim.fem.tip import Tip
@@ -94,8 +95,8 @@ def pack(out: Path, folder: Path) -> str:
         if not file.is_file():
             report_progress(name)
             displacements = press(run)
-            np.savez(file.with_suffix(".part.npz"), **displacements)
-            file.with_suffix(".part.npz").replace(file)
+            with atomic(file) as stream:
+                np.savez(stream, **displacements)
         with np.load(file) as archive:
             for part, content in _by_share(run, dict(archive)).items():
                 arrays |= {f"{name}{part}_{key}": array for key, array in content.items()}

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,7 +91,7 @@ def make(path: Path) -> str:
         press.move(start)
         drag = Drag(press, np.array(slide.direction, dtype=np.float64), slide.friction)
         for way in slide.ways:
-            u = _at_pins(drag.move(way).inner, mirror)
+            u = drag.move(way).inner(layout(127))
             xy, depth = _ends(slide, way)
             rows["radius"].append(np.array(slide.radius))
             rows["friction"].append(np.array(slide.friction))
@@ -123,21 +122,6 @@ def _ends(slide: Slide, way: float) -> tuple[Array, Array]:
         ]
         depth[k] = down + touch[1] - touch[0]
     return xy, depth
-
-
-def _at_pins(inner: Callable[[Array], Array], mirror: bool) -> Array:
-    """Return the (127, 3) displacements of the pin bases, mm.
-
-    Args:
-        inner: Function that gives the displacement of the inner skin in (N, 3) directions.
-        mirror: Whether the mesh is only the half y > 0 of the dome.
-    """
-    pins = layout(127)
-    if not mirror:
-        return inner(pins)
-    side = np.where(pins[:, 1] < 0, -1.0, 1.0)
-    u = inner(np.column_stack([pins[:, 0], abs(pins[:, 1]), pins[:, 2]]))
-    return np.asarray(u * np.column_stack([np.ones_like(side), side, np.ones_like(side)]))
 
 
 def main() -> None:

@@ -30,6 +30,7 @@ from learn import Pair, Single, corrections_from
 from modes import Chart
 
 from tactibench import UserError
+from tactibench.lab import atomic
 from tactibench_sim import data_file, fem
 from tactibench_sim.fem.field import SpatialField
 from tactibench_sim.fem.press import Fineness, SpatialPress
@@ -146,23 +147,14 @@ def tip_plan(radii: Sequence[float], pair_radii: Sequence[float]) -> tuple[Run, 
     return (*singles, *pairs)
 
 
-def states(
-    run: Run, dome: fem.Dome, fineness: Fineness, depths: Array | None = None
-) -> Iterator[Array]:
+def states(run: Run, dome: fem.Dome) -> Iterator[Array]:
     """Yield the (2, A, B, 3) displacement of every state of a run, mm, as ``sampled`` gives it.
-
-    Args:
-        run: Run to make.
-        dome: Dome that is pressed.
-        fineness: Mesh of the dome.
-        depths: (S, K) depths in place of those of the run, mm.
 
     Raises:
         NotConvergedError: The run failed.
     """
-    planned = run.depths() if depths is None else depths
-    press = SpatialPress(dome, run.tips(dome), planned, mirror=True, fineness=fineness)
-    for row in planned:
+    press = SpatialPress(dome, run.tips(dome), run.depths(), mirror=True)
+    for row in run.depths():
         press.move(row)
         yield sampled(press.field(), run)
 
@@ -186,7 +178,6 @@ def make(
     dome: fem.Dome,
     runs: Sequence[Run],
     progress: Callable[[str], None] = lambda _: None,
-    fineness: Fineness | None = None,
 ) -> tuple[list[Single], list[Pair]]:
     """Return the single contacts and the pairs of a folder's runs; missing runs are made.
 
@@ -195,27 +186,25 @@ def make(
         dome: Dome that is pressed.
         runs: Runs that are wanted.
         progress: Function that is told the name of each missing run before it starts.
-        fineness: Mesh of the dome; None: the default one.
 
     Raises:
         NotConvergedError: A run failed (see ENOUGH_MM).
         UserError: NGSolve is not installed, or a file cannot be read or is of another dome or mesh.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    fineness = fineness or Fineness()
-    parameters = _parameters(dome, fineness)
+    parameters = _parameters(dome)
     contacts = []
     for run in runs:
         path = folder / f"{run.name}.npz"
         if not path.exists():
             progress(run.name)
-            _write(path, run, _reached(run, dome, fineness), parameters)
+            _write(path, run, _reached(run, dome), parameters)
         contacts.append(read(path, parameters))
     singles = [contact for contact in contacts if isinstance(contact, Single)]
     return singles, [contact for contact in contacts if isinstance(contact, Pair)]
 
 
-def _reached(run: Run, dome: fem.Dome, fineness: Fineness) -> Array:
+def _reached(run: Run, dome: fem.Dome) -> Array:
     """Return the (S, 2, A, B, 3) states of a run: all of a pair, those reached of one contact.
 
     Raises:
@@ -223,7 +212,7 @@ def _reached(run: Run, dome: fem.Dome, fineness: Fineness) -> Array:
     """
     reached: list[Array] = []
     try:
-        for state in states(run, dome, fineness):
+        for state in states(run, dome):
             reached.append(state)  # noqa: PERF402  (kept where the next one fails)
     except fem.NotConvergedError:
         if run.pair or not reached or run.depths()[len(reached) - 1, 0] < ENOUGH_MM:
@@ -241,13 +230,11 @@ def _write(path: Path, run: Run, u: Array, parameters: Mapping[str, Any]) -> Non
         "alpha" if run.pair else "beta": math.radians(run.degrees),
         "parameters": json.dumps(parameters, sort_keys=True),
     }
-    temporary = path.with_name(path.name + ".part")
-    with temporary.open("wb") as out:
+    with atomic(path) as out:
         np.savez_compressed(out, **content)
-    temporary.replace(path)
 
 
-def read(path: Path, parameters: Mapping[str, Any] | None = None) -> Single | Pair:
+def read(path: Path, parameters: Mapping[str, Any]) -> Single | Pair:
     """Return the run that a file holds.
 
     Raises:
@@ -267,7 +254,7 @@ def read(path: Path, parameters: Mapping[str, Any] | None = None) -> Single | Pa
             f"the finite-element run {path} cannot be read ({type(error).__name__}); "
             "delete it and start again."
         ) from None
-    if parameters is not None and _comparable(given) != _comparable(parameters):
+    if _comparable(given) != _comparable(parameters):
         raise UserError(
             f"the finite-element run {path} is of another dome or mesh; give another folder."
         )
@@ -300,7 +287,7 @@ def with_corrections(
     singles, pairs = make(folder, dome, plan(tuple(plain.by_radius)), progress)
     learned = corrections_from(singles, pairs, plain)
     more = {name: values.astype(np.float32) for name, values in learned.arrays.items()}
-    spatial = {key: value for key, value in _parameters(dome, Fineness()).items() if key != "dome"}
+    spatial = {key: value for key, value in _parameters(dome).items() if key != "dome"}
     return {**arrays, **more}, {
         **parameters,
         "corrections": dict(learned.grid),
@@ -308,12 +295,12 @@ def with_corrections(
     }
 
 
-def _parameters(dome: fem.Dome, fineness: Fineness) -> dict[str, Any]:
+def _parameters(dome: fem.Dome) -> dict[str, Any]:
     ngsolve = fem.require_ngsolve()
     solver = f"ngsolve {ngsolve.__version__}"
     return {
         "dome": asdict(dome),
-        "mesh": asdict(fineness),
+        "mesh": asdict(Fineness()),
         "contact": {"sphere": asdict(SPHERE), "plate": asdict(PLATE)},
         "solver": solver,
     }

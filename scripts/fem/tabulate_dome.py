@@ -23,7 +23,7 @@ from fem_script import number, output_file, report_progress, write_file
 from scipy.interpolate import CubicSpline
 
 from tactibench_sim import data_file, fem
-from tactibench_sim.mechanics.tables import shape_name
+from tactibench_sim.mechanics.tables import SMALLEST_MM, shape_name
 
 Array = npt.NDArray[np.float64]
 RADII = (3.0, math.inf)
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("out", type=output_file)
     parser.add_argument(
         "--radius",
-        type=number(1),
+        type=number(SMALLEST_MM),
         action="append",
         help="of a spherical tip, mm; inf: a plate; OUT holds these only (default: 3 and inf)",
     )

@@ -21,6 +21,7 @@ from pad_press import Pad, press_pad
 from tactibench_sim import data_file
 from tactibench_sim.fem.body import require_ngsolve
 from tactibench_sim.fem.continuation import NotConvergedError, Settings
+from tactibench_sim.mechanics.tables import SMALLEST_MM
 from tactibench_sim.planar.mechanics import QUANTITIES
 
 Array = npt.NDArray[np.float64]
@@ -121,7 +122,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Make tables of a flat pad under single tips.")
     parser.add_argument("out", type=output_file)
     parser.add_argument(
-        "--radius", type=number(1), action="append", help="of a tip, mm (default: 3)"
+        "--radius", type=number(SMALLEST_MM), action="append", help="of a tip, mm (default: 3)"
     )
     parser.add_argument("--stiffness-ratio", type=number(1, 10_000), help="E_skin / E_gel")
     parser.add_argument("--skin", type=number(0.3, 4), help="thickness, mm")

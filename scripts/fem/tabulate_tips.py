@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dome_press import press
 from fem_script import number, output_file, report_progress, write_file
 from learn import (
     ANGLE_STEP_DEG,
@@ -33,6 +32,7 @@ from learn import (
     TURN_MM,
     Pair,
     Single,
+    evenly,
     fields_of,
     mirror,
     missing,
@@ -41,8 +41,9 @@ from learn import (
 )
 from modes import coefficients, on_cells, resampled
 from snapshots import NOMINAL_MM, make, tip_plan
-from tabulate_dome import normal_rotation
+from tabulate_dome import columns
 
+from tactibench.lab import atomic
 from tactibench_sim import data_file, fem
 from tactibench_sim.mechanics import tables
 from tactibench_sim.mechanics.dome import TableMechanics
@@ -142,25 +143,12 @@ def single_fields(
         return {name: table.fields[name][: len(delta)] for name in QUANTITIES}
     path = runs / f"axi_{radius:g}.npz"
     if not path.exists():
-        _press_apex(path, dome, radius, delta[delta <= REACH_RADII * radius + 1e-9], polar)
+        fine = replace(dome, apex_size=SHARP_APEX_MM) if radius < SHARP_MM else dome
+        pressed = columns(fine, radius, delta[delta <= REACH_RADII * radius + 1e-9], polar)
+        with atomic(path) as out:
+            np.savez(out, allow_pickle=False, **pressed)
     with np.load(path) as run:
         return {name: _continued(run[name], len(delta)) for name in QUANTITIES}
-
-
-def _press_apex(path: Path, dome: fem.Dome, radius: float, delta: Array, polar: Array) -> None:
-    fine = replace(dome, apex_size=SHARP_APEX_MM) if radius < SHARP_MM else dome
-    profiles = list(press(fine, radius, delta, polar))
-    w, t = np.stack([p.inner for p in profiles], axis=1)
-    w_outer, t_outer = np.stack([p.outer for p in profiles], axis=1)
-    np.savez(
-        path,
-        w=w,
-        t=t,
-        omega=normal_rotation(dome.inner, polar, w, t),
-        w_outer=w_outer,
-        t_outer=t_outer,
-        force=np.array([p.force for p in profiles]),
-    )
 
 
 def _continued(values: Array, count: int) -> Array:
@@ -183,7 +171,10 @@ def surroundings(
     coarse = []
     for radius in RADII:
         runs = sorted((s for s in singles if s.radius == radius), key=lambda s: s.beta)
-        each = [_by_share(run.depths / deepest(radius), fields_of(run, inner)) for run in runs]
+        end = deepest(radius)
+        each = [
+            evenly(run.depths / end, fields_of(run, inner), SHARES + 1, 1 / SHARES) for run in runs
+        ]
         coarse.append(
             on_cells(np.stack([values - each[0] for values in each]), runs[0].chart, AROUND)
         )
@@ -268,19 +259,6 @@ def projected(values: Array, modes: Array) -> Array:
     flat = (values * weight).reshape(-1, len(basis))
     amounts: Array = np.linalg.lstsq(basis, flat.T, rcond=None)[0].T
     return amounts.reshape(*values.shape[:-3], len(modes))
-
-
-def _by_share(shares: Array, values: Array) -> Array:
-    """Return values (S, ...) at shares as values at 0, 1 / SHARES, ..., 1.
-
-    They are zero at 0, and extended linearly beyond the last share.
-    """
-    nodes, padded = np.append(0.0, shares), np.concatenate([np.zeros_like(values[:1]), values])
-    if nodes[-1] < 1.0 - 1e-9:
-        ahead = (1.0 - nodes[-1]) / (nodes[-1] - nodes[-2])
-        padded = np.concatenate([padded, padded[-1:] + ahead * (padded[-1:] - padded[-2:-1])])
-        nodes = np.append(nodes, 1.0)
-    return resampled(nodes, padded, 0, SHARES + 1, 1 / SHARES)
 
 
 def _nominal_grid() -> dict[str, Any]:

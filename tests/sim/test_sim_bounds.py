@@ -253,7 +253,7 @@ def test_shift_and_roll_are_those_of_the_sensors_discs():
     """
     sensor = TacTip127(SensorContext(np.random.SeedSequence(0)), vignetting=0.0)
     camera = sensor.renderer
-    tips = sensor.tips(tips_of([Scene(Indenter.single(), Pose(1.0, -2.0, depth=3.0))]))
+    tips = sensor.places(tips_of([Scene(Indenter.single(), Pose(1.0, -2.0, depth=3.0))]))
     x, y, radius = camera.project(tips)
     middle, h = (camera.optics.size - 1) / 2, 1e-4
     moves = {

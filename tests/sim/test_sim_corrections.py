@@ -178,7 +178,7 @@ def test_mirroring_twice_changes_nothing():
 def test_depths_start_at_nothing_and_go_on_straight():
     depths = np.array([0.5, 1.0, 2.0, 4.0, 5.0])
     values = depths[:, None] * np.array([1.0, -2.0])
-    found = learn._by_depth(depths, values)
+    found = learn.evenly(depths, values, learn.DEPTHS, learn.DEPTH_STEP_MM)
     told = np.arange(learn.DEPTHS)[:, None] * learn.DEPTH_STEP_MM * np.array([1.0, -2.0])
     assert found == pytest.approx(told)
 

@@ -130,7 +130,8 @@ def test_the_shipped_corrections_are_reproduced(run, depths):
     if not tables.corrections.arrays:
         pytest.skip("the shipped table has no corrections")
     depths, frame = np.array(depths), run.frame()
-    (state,) = snapshots.states(run, DOME, Fineness(), depths)
+    (field,) = press_scene(DOME, run.tips(DOME), depths, mirror=True)
+    state = snapshots.sampled(field, run)
     b = run.chart.directions() @ frame
     near = b[..., 2] > math.cos(math.radians(65))
     mechanics = TableMechanics(tables, "coupled")

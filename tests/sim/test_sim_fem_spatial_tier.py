@@ -116,7 +116,7 @@ def test_samples_are_along_the_frame_of_the_contact():
     assert outer[there] == pytest.approx(2 * expected)
 
 
-def invented(run, dome, fineness, depths=None):
+def invented(run, dome):
     for row in run.depths():
         yield np.full((2, *run.chart.directions().shape), row.sum() * run.degrees)
 

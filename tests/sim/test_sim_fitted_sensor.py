@@ -115,6 +115,11 @@ def test_individuals_differ_in_the_field_and_share_the_rest_frame():
     assert (np.abs(kinds - nominal.moved([plate(4.0, 10.0)])).max(axis=(1, 2)) < 1e-9).sum() == 1
 
 
+def test_no_pin_of_an_individual_is_shorter_than_a_tenth_of_the_calibrated_one():
+    wide = made(Fitted331, spread=3.0, individuals=1000)
+    assert min(one.pin_length_mm for one in wide._unknowns) == 0.1 * wide._length
+
+
 def test_the_frames_it_was_fitted_to_are_told():
     sensor = made()
     ((recording, frames),) = sensor.calibrated_on().items()

@@ -174,6 +174,11 @@ class TestBadInput:
         with pytest.raises(UserError, match=message):
             moved(single(), **move)
 
+    @pytest.mark.parametrize("radius", [0.9, 8.1, 10.0])
+    def test_a_radius_beyond_the_tables_of_drag_is_refused(self, radius: float) -> None:
+        with pytest.raises(UserError, match=r"drag for 1 to 8 mm.*sensor\.friction"):
+            drag_tables.drag_of(radius)
+
     def test_finite_elements_know_no_friction(self) -> None:
         pytest.importorskip("ngsolve")
         context = SensorContext(np.random.SeedSequence(0))

@@ -12,8 +12,8 @@ from hard_scenes import enclosed_volume
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench import SensorContext, UserError
-from tactibench_sim import data_file, fem, instances
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench_sim import fem, instances
 from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of
 from tactibench_sim.mechanics import tables as table_file
 from tactibench_sim.mechanics.contact import Tips
@@ -156,13 +156,18 @@ def test_a_sensor_has_the_dome_of_its_instance():
     assert told[1]["dome"]["skin"] == pytest.approx(SKIN_FACTOR**y)
 
 
-def test_a_sensor_with_a_table_of_its_own_keeps_it(tmp_path):
-    with np.load(str(files("tactibench_sim.mechanics").joinpath(table_file.FILE))) as archive:
-        arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
-    data_file.write(tmp_path / "own.npz", arrays, {**NOMINAL.parameters, "own": True})
-    told = sensor(3, table=str(tmp_path / "own.npz")).describe()["tables"]
-    assert told["own"]
-    assert told["dome"] == NOMINAL.parameters["dome"]
+@pytest.mark.parametrize("parameters", [{"instance": 3}, {"instance": 0, "instances": 2}])
+def test_a_table_of_ones_own_has_no_instances(parameters):
+    table = str(files("tactibench_sim.mechanics").joinpath(table_file.FILE))
+    with pytest.raises(UserError, match=r"sensor\.instances?=\d is of others; leave one"):
+        sensor(**parameters, table=table)
+
+
+def test_a_radius_that_instances_do_not_have_is_refused_without_a_way_that_is_none():
+    scene = Scene(Indenter.single(0.5), Pose(depth=0.3))
+    with pytest.raises(UserError, match=r"radius is 0\.5 mm.*tables for: 3 mm, plate") as caught:
+        sensor(1).press(scene)
+    assert "tabulate" not in str(caught.value)
 
 
 # -- the file

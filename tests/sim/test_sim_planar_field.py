@@ -208,5 +208,7 @@ def test_what_the_tables_do_not_hold_is_refused():
     one = tips((0, 0, 1.0))
     with pytest.raises(UserError, match=r"radius is 2\.5 mm; .*tabulate_pad.py OUT --radius 2\.5`"):
         COUPLED.loads(Tips(one.xy, one.depth, np.array([2.5])))
+    with pytest.raises(UserError, match=r"radius is 0\.5 mm; .*no table can be made below 1 mm"):
+        COUPLED.loads(Tips(one.xy, one.depth, np.array([0.5])))
     with pytest.raises(UserError, match="the tier is 'best'"):
         PadMechanics(PAD, "best")

@@ -1,13 +1,11 @@
-"""The finite-element scenes that ship: the file, the physics in it, and how it is packed."""
+"""The finite-element scenes that ship: the file, and the physics in it."""
 
 import math
 from importlib.resources import files
 
 import numpy as np
 import pytest
-from pack_scenes import pack
 
-from tactibench import UserError
 from tactibench_sim.pins import layout
 from tactibench_sim.reference_frames import scenes as reference
 
@@ -97,90 +95,3 @@ def test_an_equal_triple_is_the_same_from_three_sides(scene):
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     image = nearest(PINS @ turn.T)
     symmetric(scene, image, turn)
-
-
-def run(path, **changed):
-    """A made-up run of two depths with a tip and its mirror image."""
-    depth = np.array([1.0, 2.5])
-    u = depth[:, None, None] * np.sin(3 * PINS + np.arange(3))
-    near = (PINS[:, 2] > 0.8)[:, None]
-    normals = PINS + near * 0.1 * depth[:, None, None] * np.cos(5 * PINS)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    arrays = {
-        "d": depth,
-        "tips": np.array([(2.0, 3.5, 1.0), (-5.0, 0.0, 0.5)]),
-        "sym": True,
-        "pu": u,
-        "pn": normals,
-    }
-    np.savez(path, **{**arrays, **changed})
-    return {**arrays, **changed}
-
-
-def test_packing_keeps_what_a_run_says(tmp_path):
-    made = run(tmp_path / "val_a.npz")
-    run(tmp_path / "val_b.npz", sym=False)
-    out = tmp_path / "scenes.npz"
-    digest = pack([tmp_path / "val_b.npz", tmp_path / "val_a.npz"], out)
-    found = reference.read(out)
-    assert found.digest == digest
-    assert [scene.label for scene in found.scenes] == [
-        "a at 1 mm",
-        "a at 2.5 mm",
-        "b at 1 mm",
-        "b at 2.5 mm",
-    ]
-    second, last = found.scenes[1], found.scenes[3]
-    assert second.tips == pytest.approx(
-        np.array([(2.0, 3.5, 2.5), (-5.0, 0.0, 1.25), (2.0, -3.5, 2.5)])
-    )
-    assert len(last.tips) == 2
-    fair = abs(PINS[:, 1]) > 1e-9
-    close, turned = reference.STEP_MM / 2 + 1e-12, 2 * reference.STEP_NORMAL
-    assert second.displacement[fair] == pytest.approx(made["pu"][1][fair], abs=close)
-    assert second.normals[fair] == pytest.approx(made["pn"][1][fair], abs=turned)
-    assert (second.displacement[~fair, 1] == 0).all()
-    assert last.displacement == pytest.approx(made["pu"][1], abs=close)
-    assert last.normals == pytest.approx(made["pn"][1], abs=turned)
-    assert second.as_tips.depth[0] == pytest.approx(second.tips[:, 2])
-    assert not second.equal
-    assert not second.on_apex
-
-
-def test_packing_twice_gives_the_same_bytes(tmp_path):
-    run(tmp_path / "val_a.npz")
-    for name in ("one.npz", "two.npz"):
-        pack([tmp_path / "val_a.npz"], tmp_path / name)
-    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
-
-
-def test_packing_nothing_is_refused(tmp_path):
-    with pytest.raises(UserError, match="no runs"):
-        pack([], tmp_path / "scenes.npz")
-
-
-def test_packing_a_file_that_is_being_written_is_refused(tmp_path):
-    run(tmp_path / "val_a.npz")
-    cut = tmp_path / "val_b.npz"
-    cut.write_bytes((tmp_path / "val_a.npz").read_bytes()[:-200])
-    with pytest.raises(UserError, match=r"val_b\.npz cannot be read"):
-        pack([tmp_path / "val_a.npz", cut], tmp_path / "scenes.npz")
-
-
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        (lambda a: {"pu": a["pu"][:, :-1]}, "must be"),
-        (lambda a: {"pn": a["pn"][:1]}, "must be"),
-        (lambda a: {"pu": a["pu"] * np.where(np.arange(458) == 7, np.nan, 1)[:, None]}, "finite"),
-        (lambda a: {"pu": a["pu"] * 10}, "more than the file can hold"),
-        (lambda a: {"pn": a["pn"][:, ::-1]}, "other pins"),
-    ],
-    ids=["pins", "depths", "nan", "far", "order"],
-)
-def test_packing_refuses_what_is_no_run(tmp_path, changed, said):
-    path = tmp_path / "val_a.npz"
-    run(path, **changed(run(path)))
-    with pytest.raises(UserError, match=said):
-        pack([path], tmp_path / "scenes.npz")
-    assert not (tmp_path / "scenes.npz").exists()

@@ -46,8 +46,8 @@ def test_a_file(lines, scene, tmp_path):
     ("text", "named"),
     [
         ("daul:7@depth=2", "did you mean 'dual'"),
-        ("cone@depth=2", "known: single, dual"),
-        ("", "known: single"),
+        ("cone@depth=2", "known: custom, dual"),
+        ("", "known: custom"),
         ("single@dept=2", "did you mean 'depth'"),
         ("single@distance=7,depth=2", "which single has not"),
         ("single", "add for example depth=2"),

@@ -271,6 +271,25 @@ def test_a_table_of_ones_own(tmp_path):
         sensor(table=str(tmp_path / "missing.npz"))
 
 
+def test_a_table_of_one_radius(tmp_path):
+    """As scripts/fem/tabulate_dome.py makes it for one --radius: it has no plate."""
+    mine = tmp_path / "four.npz"
+    with np.load(str(files("tactibench_sim.mechanics").joinpath(table_file.FILE))) as archive:
+        arrays = {k.replace("sphere3", "sphere4"): archive[k] for k in archive.files}
+    kept = ("delta", "polar", *(name for name in arrays if name.startswith("sphere4")))
+    parameters = {"dome": table_file.shipped().parameters["dome"]}
+    data_file.write(mine, {name: arrays[name] for name in kept}, parameters)
+    four = sensor(table=str(mine), friction=0.5)
+    assert (four.rest().image == sensor().rest().image).all()
+    assert four.points([Scene(Indenter.single(4.0), Pose(depth=3.0, dx=1.0))]).any()
+    for radius, depth, dx, said in (
+        (3.0, 2.0, 0.0, "tables for: 4 mm"),
+        (4.0, 5.0, 1.0, "tables of drag end at 4 mm"),
+    ):
+        with pytest.raises(UserError, match=said):
+            four.press(Scene(Indenter.single(radius), Pose(depth=depth, dx=dx)))
+
+
 def test_bound_falls_with_the_noise():
     scene = Scene(Indenter.single(), Pose(depth=1.5))
     quiet = sensor(read_noise=1.0, full_well=1e9).bound(scene)

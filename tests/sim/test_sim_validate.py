@@ -3,8 +3,10 @@
 import io
 import json
 import math
+import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -315,12 +317,19 @@ def test_the_picture_is_a_png_and_reproducible(judged, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]
 
 
-def test_the_command_writes_what_it_measures(judged, tmp_path):
-    out = tmp_path / "found.json"
-    done = CliRunner().invoke(command, ["--json", str(out)], catch_exceptions=False)
+def test_the_command_writes_what_it_measures_to_a_pipe_as_well(judged):
+    read, write = os.pipe()
+    with ThreadPoolExecutor() as pool, os.fdopen(read) as pipe:
+        written = pool.submit(pipe.read)
+        try:
+            given = ["--json", f"/dev/fd/{write}"]
+            done = CliRunner().invoke(command, given, catch_exceptions=False)
+        finally:
+            os.close(write)
+        text = written.result()
     assert done.exit_code == 0
     assert "pin bases against finite elements" in done.output
-    record = json.loads(out.read_text())
+    record = json.loads(text)
     assert record["reference"]["sha256"] == reference.shipped_file().digest
     assert record["other_tips"]["sha256"] == reference.shipped_other_tips().digest
     assert record["sideways"]["sha256"] == reference.shipped_sideways().digest

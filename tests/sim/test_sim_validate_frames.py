@@ -38,7 +38,7 @@ def test_frames_look_like_those_of_the_tiers():
     made = sensor(noise=False)
     shallow = next(s for s in SCENES if s.depth <= 1)
     found = frames(made, [shallow], SEED)[0].astype(float)
-    tier = made.renderer.clean(made.tips(shallow.as_tips))[0]
+    tier = made.renderer.clean(made.places(shallow.as_tips))[0]
     rest = made.rest().image.astype(float)
     assert np.abs(found - tier).mean() < 0.5 * np.abs(found - rest).mean()
 
@@ -107,7 +107,8 @@ def test_the_command_writes_every_scene(tmp_path):
     assert len(list((folder / "images").iterdir())) == len(reference.shipped()) + 1
 
 
-def test_a_flat_sensor_is_refused(tmp_path):
-    given = ["--frames", str(tmp_path / "set"), "--sensor", "planar-grid"]
-    with pytest.raises(UserError, match="planar-grid"):
+@pytest.mark.parametrize("other", ["planar-grid", "fitted-127"])
+def test_a_sensor_of_another_kind_is_refused(tmp_path, other):
+    given = ["--frames", str(tmp_path / "set"), "--sensor", other]
+    with pytest.raises(UserError, match=f"take one of them as --sensor, not '{other}'"):
         CliRunner().invoke(command, given, catch_exceptions=False)

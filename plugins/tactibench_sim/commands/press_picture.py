@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ from scipy.ndimage import map_coordinates
 
 from tactibench import Grid, Pose, Scene, UserError
 from tactibench.geometry import DOME_RADIUS_MM
+from tactibench.lab import atomic
 from tactibench_sim.rendered_sensor import RenderedSensor
 from tactibench_sim.sensor import SimulatedTacTip
 
@@ -73,7 +72,8 @@ def draw(path: Path, sensor: RenderedSensor, scene: Scene, title: str, detail: s
     figure.text(0.649, 0.858, "skin, true to scale", fontsize=10, va="baseline")
     figure.text(0.008, 0.975, title, fontsize=11, va="top", fontweight="bold")
     figure.text(0.992, 0.975, detail, fontsize=9, va="top", ha="right", color="#404040")
-    _save(figure, path)
+    with atomic(path) as stream:
+        figure.savefig(stream, format="png", metadata={"Software": None})
 
 
 def _window(size: int, *markers: Array) -> tuple[float, float]:
@@ -260,16 +260,3 @@ def _bar(figure: Any, drawn: Any, axes: Any, label: str) -> None:
     bar = figure.colorbar(drawn, cax=axes)
     bar.set_label(label, fontsize=9)
     bar.ax.tick_params(labelsize=8)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    """Write under a temporary name, then rename, so that nobody reads half a picture."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            figure.savefig(stream, format="png", metadata={"Software": None})
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -92,14 +91,16 @@ def _file(path: Path) -> dict[str, Any]:
 
 
 def _build(given: Mapping[str, Any], where: str) -> Scene:
+    from tactibench.lab import did_you_mean  # the help of `sim render` needs this module alone
+
     kind = given.get("indenter")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise UserError(f"{where} has the indenter {kind!r}; {_suggestion(str(kind), KINDS)}")
+        raise UserError(f"{where} has the indenter {kind!r}; {did_you_mean(str(kind), KINDS)}")
     allowed = (*KINDS[kind], *POSE)
     for name in given:
         if name not in ("indenter", *allowed):
             raise UserError(
-                f"{where} says {name!r}, which {kind} has not; {_suggestion(name, allowed)}"
+                f"{where} says {name!r}, which {kind} has not; {did_you_mean(name, allowed)}"
             )
     if "depth" not in given:
         raise UserError(f"{where} has no depth, so it touches nothing; add for example depth=2.")
@@ -157,8 +158,3 @@ def _value(
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _suggestion(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(known)}."

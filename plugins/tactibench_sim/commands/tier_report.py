@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tactibench.geometry import DOME_RADIUS_MM
+from tactibench.lab import atomic
 from tactibench_sim.commands.tier_errors import (
     APART,
     AXES,
@@ -166,9 +167,8 @@ def draw(path: Path, tiers: Sequence[TierErrors], title: str) -> None:
         handles=marks, loc="outside lower center", ncols=len(marks), frameon=False, fontsize=9
     )
     figure.suptitle(title, fontsize=10, x=0.01, ha="left")
-    part = path.with_name(path.name + ".part")
-    figure.savefig(part, format="png", metadata={"Software": None})
-    part.replace(path)
+    with atomic(path) as stream:
+        figure.savefig(stream, format="png", metadata={"Software": None})
 
 
 def _panel(axes: Axes, tiers: Sequence[TierErrors], deepest: float) -> None:

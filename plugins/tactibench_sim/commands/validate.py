@@ -30,7 +30,8 @@ import click
     "folder",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write the scenes as frames of --sensor, with their true contacts, and compare nothing.",
+    help="Write the scenes as frames of --sensor, with their true contacts. Compare only if --out "
+    "or --json is given, too.",
 )
 @click.option(
     "--sensor", "name", default="tactip-127", show_default=True, help="Preset for --frames."
@@ -60,10 +61,9 @@ def validate(
         _frames(folder, name, seed)
         if out is None and json_file is None:
             return
-    import json
-
     from rich.console import Console
 
+    from tactibench.lab import write_json
     from tactibench_sim.commands.tier_errors import TIERS, judge, rows, worst_cases
     from tactibench_sim.commands.tier_report import draw, print_report
     from tactibench_sim.mechanics.dome import TableMechanics
@@ -92,9 +92,7 @@ def validate(
             "metrics": rows(tiers),
             "worst": worst_cases(tiers),
         }
-        part = json_file.with_name(json_file.name + ".part")
-        part.write_text(json.dumps(record, indent=1) + "\n")
-        part.replace(json_file)
+        write_json(json_file, record)
 
 
 def _frames(folder: Path, name: str, seed: int) -> None:
@@ -111,6 +109,9 @@ def _frames(folder: Path, name: str, seed: int) -> None:
         raise UserError(f"unknown simulated sensor {name!r}; known: {', '.join(specs)}.")
     sensor = specs[name].load()(SensorContext(np.random.SeedSequence(seed)))
     if not isinstance(sensor, SimulatedTacTip):
-        raise UserError(f"sensor {name!r} is no dome with pins; take tactip-127 or tactip-331.")
+        raise UserError(
+            "finite elements have the pins of tactip-127 and tactip-331; take one of them as "
+            f"--sensor, not {name!r}."
+        )
     count = write(folder, sensor, shipped(), seed)
     click.echo(f"{count} frames: {folder}")

@@ -8,7 +8,7 @@ the pin bases under a sphere of 3 mm on the apex differ from the axisymmetric ru
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,7 +111,7 @@ class SpatialPress:
         self._from, self._since = self.depths, 0.0
         self._at = [ngs.Parameter(float(depth)) for depth in self.depths]
         self._contacts = [self._contact(k) for k in range(len(self.tips))]
-        form, tangent = self._forms()
+        form, tangent = self.forms(lambda u: [self._push(k, u) for k in range(len(self.tips))])
         self.path = Continuation(
             form,
             self.state,
@@ -127,8 +127,13 @@ class SpatialPress:
         for parameter, depth in zip(self._at, self.depths, strict=True):
             parameter.Set(float(depth))
 
-    def _forms(self) -> tuple[Any, Any]:
-        """Return the energy, and the energy whose second derivative is factorised."""
+    def forms(self, contacts: Callable[[Any], Sequence[Any]]) -> tuple[Any, Any]:
+        """Return the energy, and the energy whose second derivative is factorised.
+
+        Args:
+            contacts: Function that returns the terms of what touches the skin, for a trial
+                displacement.
+        """
         ngs = require_ngsolve()
         forms = [ngs.BilinearForm(self.space, symmetric=True) for _ in range(2)]
         u, *pressures = self.space.TrialFunction()
@@ -138,9 +143,9 @@ class SpatialPress:
             volume = ngs.dx(definedon=self.mesh.Materials(material))
             for form, energy in zip(forms, (stored, soft), strict=True):
                 form += ngs.Variation(energy.Compile() * volume)
-        for k in range(len(self.tips)):
-            for form in forms:
-                form += self._push(k, u)
+        for form in forms:
+            for term in contacts(u):
+                form += term
         return forms[0], forms[1]
 
     def _push(self, k: int, u: Any) -> Any:

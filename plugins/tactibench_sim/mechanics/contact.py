@@ -22,7 +22,7 @@ STEEPEST_DEG = 55.0
 FARTHEST_MM = 100.0
 """A pose farther from the axis, or a longer move, is a mistake in units."""
 FARTHEST_TURN_DEG = 180.0
-_SLACK = 0.01
+SLACK = 0.01
 """mm and deg that bounds may step beyond a limit to take differences."""
 
 
@@ -63,10 +63,6 @@ class Tips:
         n = np.concatenate([self.xy, height[..., None]], axis=-1) / distance[..., None]
         delta = np.where(plate, self.depth, reach - distance)
         return n, np.where(exists, delta, -np.inf)
-
-
-UNTOUCHED = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, np.inf))
-"""One scene in which nothing touches."""
 
 
 def tips_of(scenes: Sequence[Scene]) -> Tips:
@@ -200,13 +196,13 @@ def check_reach(n: Array, delta: Array, deepest: float) -> None:
     touching = delta > 0
     if np.isnan(n).any() or np.isnan(delta).any():
         raise UserError("a tip's place or depth is not a number; give x, y and depth in mm.")
-    if (delta > deepest + _SLACK).any():
+    if (delta > deepest + SLACK).any():
         raise UserError(
             f"a tip penetrates {delta.max():.2f} mm; for a tip of its size the simulator's tables "
             f"end at {deepest:g} mm, press less deep (of a protocol: depth_max_mm). Deeper go "
-            "finite elements: `--param sensor.tier=fem`."
+            "finite elements, of tactip-127 and tactip-331: `--param sensor.tier=fem`."
         )
-    low = math.cos(math.radians(STEEPEST_DEG + _SLACK))
+    low = math.cos(math.radians(STEEPEST_DEG + SLACK))
     if (touching & (n[..., 2] < low)).any():
         steepest = math.degrees(math.acos(max(-1.0, float(n[..., 2][touching].min()))))
         raise UserError(

@@ -36,7 +36,7 @@ from tactibench_sim.mechanics.kernels import (
     couple,
     displace,
 )
-from tactibench_sim.mechanics.tables import SCRIPT, Table, Tables
+from tactibench_sim.mechanics.tables import LARGEST_MM, SMALLEST_MM, Table, Tables
 
 TABLE_TIERS = ("coupled", "superpose")
 
@@ -188,9 +188,9 @@ class TableMechanics:
             available = ", ".join("plate" if np.isinf(r) else f"{r:g} mm" for r in self.radii)
             missing = f"{tips.radius[~has_table][0]:g}"
             raise UserError(
-                f"the indenter's radius is {missing} mm; the simulator has tables for: "
-                f"{available}. Make one with `python {SCRIPT} OUT --radius {missing}` in the "
-                "repository, then give `--param sensor.table=OUT`."
+                f"the indenter's radius is {missing} mm; this sensor has tables for: {available}. "
+                "Press one of these, or take tactip-127 or tactip-331 without sensor.instance and "
+                f"sensor.table: spheres of {SMALLEST_MM:g} to {LARGEST_MM:g} mm, and a plate."
             )
         return table
 
@@ -238,14 +238,14 @@ class TableMechanics:
 def tips_of_pins(
     inner: float, directions: Array, displacement: tuple[Array, Array], length: float
 ) -> Array:
-    """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm.
+    """Return the (..., P, 3) tips of pins of ``length`` mm, from the dome's centre, mm.
 
     A pin is a lever: it stands on the inner skin and turns with its normal.
 
     Args:
         inner: Radius of the inner skin, mm.
         directions: (P, 3) unit vectors of the pins.
-        displacement: u and q of the pin bases, each (S, P, 3), mm and rad.
+        displacement: u and q of the pin bases, each (..., P, 3), mm and rad.
         length: Length of the pins, mm.
     """
     u, q = displacement

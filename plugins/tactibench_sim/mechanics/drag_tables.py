@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from tactibench import UserError
 from tactibench_sim import data_file
 from tactibench_sim.mechanics.tip_tables import between, deepest
 
@@ -89,7 +89,10 @@ class DragTables:
         """Return the tables of a tip.
 
         Args:
-            radius: A radius for which there are tables of presses, mm; inf for a plate.
+            radius: Radius, mm; inf for a plate.
+
+        Raises:
+            UserError: The radius lies outside of those of the file.
         """
         shares = np.array(SHARES)
         rows = np.flatnonzero(self.radii == radius)
@@ -97,6 +100,12 @@ class DragTables:
             k = int(rows[0])
             return self._fine(float(self.ends[k]), shares, self.field[k], self.compliance[k])
         spheres = np.flatnonzero(np.isfinite(self.radii)).tolist()
+        low, high = self.radii[spheres[0]], self.radii[spheres[-1]]
+        if not low <= radius <= high:
+            raise UserError(
+                f"a tip of R = {radius:g} mm moves sideways; the simulator has tables of drag for "
+                f"{low:g} to {high:g} mm. Take such a tip, or leave sensor.friction out."
+            )
         at_share = [self._at_shares(k, deepest(float(self.radii[k]))) for k in spheres]
         field = between(self.radii[spheres], np.stack([f for f, _ in at_share]), radius)
         compliance = between(self.radii[spheres], np.stack([c for _, c in at_share]), radius)
@@ -137,26 +146,14 @@ class DragTables:
         return np.ascontiguousarray(np.stack([w, a, v, *turns], axis=-1))
 
 
-def read(path: Path) -> DragTables:
-    """Read a file of drag.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    remedy = f"reinstall tactibench or make it again with {SCRIPT}."
-    return data_file.read(path, "the tables of sideways drag", remedy, _tables)
-
-
 def _tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> DragTables:
     radii, ends = (arrays[name].astype(np.float64) for name in ("radii", "deepest"))
     field, compliance = (arrays[name].astype(np.float64) for name in ("field", "compliance"))
     return DragTables(parameters, digest, radii, ends, field, compliance)
 
 
-@cache
-def shipped() -> DragTables:
-    """Return the tables that ship with the package."""
-    return data_file.read_shipped(__package__, FILE, read)
+DATA = data_file.DataFile(__package__, FILE, "the tables of sideways drag", _tables, SCRIPT)
+read, shipped = DATA.read, DATA.shipped
 
 
 @cache

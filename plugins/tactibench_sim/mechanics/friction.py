@@ -24,9 +24,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from tactibench import UserError
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.compiled import jit, plain
-from tactibench_sim.mechanics.contact import Array, Tips
+from tactibench_sim.mechanics.contact import SLACK, Array, Tips
 from tactibench_sim.mechanics.dome import Mechanics, tips_of_pins
 from tactibench_sim.mechanics.drag_tables import TipDrag, drag_of
 from tactibench_sim.mechanics.kernels import REACH_MM, Index
@@ -105,7 +106,8 @@ class FrictionMechanics:
         """Solve for how the tips share the load and how far the skin follows them.
 
         Raises:
-            UserError: The mechanics without friction cannot press one of the scenes.
+            UserError: The mechanics without friction cannot press one of the scenes, or a tip that
+                moves has no tables of drag or is too deep for them.
         """
         pressed = self.frictionless.loads(tips)
         if tips.move is None:
@@ -132,6 +134,12 @@ class FrictionMechanics:
         for radius, rows in rows_of.items():
             table = drag_of(radius)
             at, depth = n[rows], delta[rows]
+            if (depth > table.deepest + SLACK).any():
+                raise UserError(
+                    f"a tip of R = {radius:g} mm moves sideways {depth.max():.2f} mm deep; its "
+                    f"tables of drag end at {table.deepest:g} mm: press less deep, or leave "
+                    "sensor.friction out."
+                )
             force, skin, up = _share(
                 table.outer,
                 table.depth_step,

@@ -12,8 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,8 @@ from tactibench_sim.mechanics.corrections import Corrections
 
 FILE = "dome.npz"
 QUANTITIES = ("w", "t", "omega", "w_outer", "t_outer", "force")
+SMALLEST_MM, LARGEST_MM = 1.0, 8.0
+"""Radii of the tips of which tables ship (``tip_tables``); scripts make no smaller ones."""
 SCRIPT = "scripts/fem/tabulate_dome.py"
 """Script that makes the file; it is in the repository and not in the package."""
 
@@ -72,16 +73,6 @@ def shape_name(radius: float) -> str:
     return "plate" if math.isinf(radius) else f"sphere{radius:g}"
 
 
-def read(path: Path) -> Tables:
-    """Read a table file.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    remedy = f"reinstall tactibench or make it again with {SCRIPT}."
-    return data_file.read(path, "the simulator's table", remedy, _tables)
-
-
 def _tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Tables:
     delta, polar = (arrays[name].astype(np.float64) for name in ("delta", "polar"))
     by_radius = {}
@@ -100,7 +91,5 @@ def holding_plates(nominal: Tables) -> Tables:
     return replace(nominal, corrections=nominal.corrections.without_plates())
 
 
-@cache
-def shipped() -> Tables:
-    """Return the tables that ship with the package."""
-    return data_file.read_shipped(__package__, FILE, read)
+DATA = data_file.DataFile(__package__, FILE, "the simulator's table", _tables, SCRIPT)
+read, shipped = DATA.read, DATA.shipped

@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,13 +20,18 @@ from scipy.interpolate import CubicSpline
 from tactibench import UserError
 from tactibench_sim import data_file
 from tactibench_sim.mechanics.corrections import Corrections
-from tactibench_sim.mechanics.tables import QUANTITIES, Table, Tables
+from tactibench_sim.mechanics.tables import (
+    LARGEST_MM,
+    QUANTITIES,
+    SMALLEST_MM,
+    Table,
+    Tables,
+)
 
 Array = npt.NDArray[np.float64]
 FILE = "tips.npz"
 SCRIPT = "scripts/fem/tabulate_tips.py"
 """Script that makes the file; it is in the repository and not in the package."""
-SMALLEST_MM, LARGEST_MM = 1.0, 8.0
 DEEPEST_MM, DEEPEST_RADII = 4.0, 1.5
 """Tips other than the nominal one are tabulated to 4 mm, but at most to 1.5 of their radii: sharper
 presses turn elements of the skin inside out."""
@@ -129,16 +132,6 @@ def between(radii: Array, values: Array, radius: float) -> Array:
     return np.asarray(spline(math.log(radius)), dtype=np.float64)
 
 
-def read(path: Path) -> TipTables:
-    """Read a file of tips.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    remedy = f"reinstall tactibench or make it again with {SCRIPT}."
-    return data_file.read(path, "the tables of other tips", remedy, _tip_tables)
-
-
 def _tip_tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> TipTables:
     fields = {
         name: arrays[name].astype(np.float64) * (1.0 if name == "force" else QUANTUM)
@@ -155,7 +148,5 @@ def _tip_tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: st
     return TipTables(parameters, digest, radii, pair_radii, delta, polar, fields, rest)
 
 
-@cache
-def shipped() -> TipTables:
-    """Return the tips that ship with the package."""
-    return data_file.read_shipped(__package__, FILE, read)
+DATA = data_file.DataFile(__package__, FILE, "the tables of other tips", _tip_tables, SCRIPT)
+read, shipped = DATA.read, DATA.shipped

@@ -14,8 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +23,7 @@ from scipy.interpolate import CubicSpline
 from tactibench import Scene, UserError
 from tactibench_sim import data_file
 from tactibench_sim.mechanics.contact import Tips, check_finite, pose_arrays
+from tactibench_sim.mechanics.tables import SMALLEST_MM
 from tactibench_sim.planar import kernels
 
 Array = npt.NDArray[np.float64]
@@ -78,26 +77,14 @@ class PadTables:
         return float(self.delta[-1])
 
 
-def read(path: Path) -> PadTables:
-    """Read a table file.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    remedy = f"reinstall tactibench or make it again with {SCRIPT}."
-    return data_file.read(path, "the planar sensor's table", remedy, _tables)
-
-
 def _tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> PadTables:
     axes = {name: arrays[name].astype(np.float64) for name in ("radii", "delta", "r")}
     fields = {name: arrays[name].astype(np.float64) for name in QUANTITIES}
     return PadTables(parameters, digest, **axes, fields=fields)
 
 
-@cache
-def shipped() -> PadTables:
-    """Return the tables that ship with the package."""
-    return data_file.read_shipped(__package__, FILE, read)
+DATA = data_file.DataFile(__package__, FILE, "the planar sensor's table", _tables, SCRIPT)
+read, shipped = DATA.read, DATA.shipped
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,10 +151,15 @@ class PadMechanics:
         if not has_table.all():
             available = ", ".join(f"{r:g} mm" for r in radii)
             missing = radius[~has_table][0]
+            remedy = (
+                f"Make one with `python {SCRIPT} OUT --radius {missing:g}` in the repository, then "
+                "give `--param sensor.table=OUT`."
+                if missing >= SMALLEST_MM
+                else f"Press one of these; no table can be made below {SMALLEST_MM:g} mm."
+            )
             raise UserError(
                 f"the indenter's radius is {missing:g} mm; the planar sensor has tables for: "
-                f"{available}. Make one with `python {SCRIPT} OUT --radius {missing:g}` in the "
-                "repository, then give `--param sensor.table=OUT`."
+                f"{available}. {remedy}"
             )
         return table
 

@@ -12,13 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Grid, Scene, SensorContext, __version__
-from tactibench_sim.bounds import covariance, deviations
 from tactibench_sim.instances import Spread, lost_pins, perturb
-from tactibench_sim.mechanics.contact import UNTOUCHED, Tips
-from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.optics.camera import Optics, optics_from
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.planar import mechanics
-from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
+from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, BoundedSensor
 
 Array = npt.NDArray[np.float64]
 SPREAD = Spread(gel_mm=0.0)
@@ -57,12 +56,11 @@ of gel); the focal length shows the grid and 1.5 mm around it (assumed). Markers
 a dark gel like the pins of a TacTip (assumed; a GelSight's are dark in a lit one)."""
 
 
-class PlanarGrid(RenderedSensor):
+class PlanarGrid(BoundedSensor):
     """A flat pad bonded to a window. The origin is the middle of its surface, z out of the pad."""
 
     preset = PLANAR_GRID
     dome_radius_mm = math.inf
-    nuisances = NUISANCES
 
     def __init__(
         self,
@@ -94,70 +92,26 @@ class PlanarGrid(RenderedSensor):
         self.lost = lost_pins(count, self.optics.pin_loss, instance)
         self.markers = square_grid(self.preset.markers, self.preset.pitch_mm)[~self.lost]
         renderer = Renderer(self.optics, self.optics.camera_distance_mm)
-        untouched = Tips(UNTOUCHED.xy, UNTOUCHED.depth, self._tables.radii[:1])
-        super().__init__(context, renderer, self._marker_places(untouched)[0], threads)
+        height = np.full(len(self.markers), -self._tables.marker_depth)
+        super().__init__(context, renderer, np.column_stack([self.markers, height]), threads)
 
-    def _marker_places(self, tips: Tips) -> Array:
-        """Return the (S, P, 3) places of the markers, mm.
+    def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
+        """Return the tips of scenes on the pad (``mechanics.pad_tips``)."""
+        return mechanics.pad_tips(scenes, self.preset.reach_mm)
 
-        Raises:
-            UserError: A scene cannot be pressed.
-        """
+    def places(self, tips: Tips) -> Array:
+        """Return the (S, P, 3) places of the markers, mm."""
         out = self.mechanics.markers(self.mechanics.loads(tips), self.markers)
         out[..., :2] += self.markers
         out[..., 2] -= self._tables.marker_depth
         return out
 
-    def _tips(self, scenes: Sequence[Scene]) -> Tips:
-        return mechanics.pad_tips(scenes, self.preset.reach_mm)
-
-    def points(self, scenes: Sequence[Scene]) -> Array:
-        """Return the (S, P, 3) places of the markers, mm.
-
-        Raises:
-            UserError: A scene cannot be pressed.
-        """
-        return self._marker_places(self._tips(scenes))
-
-    def clean(self, tips: Tips) -> Array:
-        """Return (S, size, size) grey levels without noise.
-
-        Raises:
-            UserError: A scene cannot be pressed.
-        """
-        return self.renderer.clean(self._marker_places(tips))
-
     def surface(self, scene: Scene, grid: Grid) -> Array:
         """Return the (H, W) displacement into the pad, mm, of the surface above cells at rest."""
         x, y = (axis.ravel() for axis in np.meshgrid(*grid.axes()))
-        loads = self.mechanics.loads(self._tips([scene]))
+        loads = self.mechanics.loads(self.indenter_tips([scene]))
         into: Array = -self.mechanics.surface(loads, np.stack([x, y], axis=1))[0, :, 2]
         return into.reshape(grid.shape)
-
-    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
-        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
-
-        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
-        reached there.
-
-        Args:
-            scene: The press.
-            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
-        """
-        return covariance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
-
-    def bound(self, scene: Scene) -> Array:
-        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
-        return deviations(self.covariance(scene))
-
-    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
-        """Return the squared d' of the scene's two contacts against the nearest single one.
-
-        ``nuisances`` are those of ``covariance``.
-        """
-        from tactibench_sim.detection import deviance  # few protocols ask for limits
-
-        return deviance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, except the seed."""

@@ -6,11 +6,11 @@ import json
 import math
 from dataclasses import asdict, dataclass
 from functools import cache
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, Self
 
 from tactibench import UserError
-from tactibench_sim import data_file
 from tactibench_sim.optics.camera import Optics
 
 SHIPPED = {"": "calibration.json", "331": "calibration_331.json", "127": "calibration_127.json"}
@@ -204,7 +204,8 @@ class Calibration:
 @cache
 def shipped(name: str) -> Calibration:
     """Return a fit that ships, by its key in ``SHIPPED``."""
-    return data_file.read_shipped(__package__, SHIPPED[name], Calibration.read)
+    with as_file(files(__package__).joinpath(SHIPPED[name])) as path:
+        return Calibration.read(path)
 
 
 def calibration(given: str) -> Calibration:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -101,24 +100,14 @@ def digest() -> str:
     return sha256(files(__package__).joinpath(FILE).read_bytes()).hexdigest()
 
 
-def read(path: Path) -> dict[str, Array]:
-    """Read a file of plates.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    return data_file.read(path, "the tables of plates", "reinstall tactibench.", _arrays)
-
-
 def _arrays(arrays: data_file.Arrays, parameters: dict[str, Any], _: str) -> dict[str, Array]:
     names = ["delta", "polar", "patches"]
     names += [f"{kind}_{name}" for kind in parameters["kinds"] for name in ARRAYS]
     return {name: arrays[name].astype(np.float64) for name in names}
 
 
-@cache
-def _shipped() -> dict[str, Array]:
-    return data_file.read_shipped(__package__, FILE, read)
+DATA = data_file.DataFile(__package__, FILE, "the tables of plates", _arrays)
+read, _shipped = DATA.read, DATA.shipped
 
 
 @dataclass(frozen=True, eq=False)

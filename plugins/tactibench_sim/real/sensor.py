@@ -240,7 +240,11 @@ class FittedSensor(RenderedSensor):
                 replace(
                     nominal,
                     yaw_deg=nominal.yaw_deg + widths.yaw_deg * yaw,
-                    pin_length_mm=nominal.pin_length_mm + widths.pin_length_mm * pin,
+                    # As in ``instances.perturb``: a wide spread leaves a tenth of the lever.
+                    pin_length_mm=max(
+                        nominal.pin_length_mm + widths.pin_length_mm * pin,
+                        0.1 * nominal.pin_length_mm,
+                    ),
                     gel_mm=nominal.gel_mm + widths.gel_mm * gel,
                     air_mm=nominal.air_mm * (1 + widths.air_share * air),
                     focal_px=nominal.focal_px * (1 + widths.focal_share * focal),

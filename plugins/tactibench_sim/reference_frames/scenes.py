@@ -24,9 +24,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,38 +121,6 @@ class Reference:
     digest: str
 
 
-@cache
-def shipped_file() -> Reference:
-    """Return the file that ships with the package."""
-    return data_file.read_shipped(__package__, FILE, read)
-
-
-def shipped() -> tuple[ReferenceScene, ...]:
-    """Return the scenes that ship with the package."""
-    return shipped_file().scenes
-
-
-@cache
-def shipped_other_tips() -> Reference:
-    """Return the scenes of tips of other radii that ship with the package."""
-    return data_file.read_shipped(__package__, OTHER_TIPS, read)
-
-
-@cache
-def shipped_sideways() -> Reference:
-    """Return the scenes of dragged skin that ship with the package."""
-    return data_file.read_shipped(__package__, SIDEWAYS, read)
-
-
-def read(path: Path) -> Reference:
-    """Read a file of scenes.
-
-    Raises:
-        UserError: The file is unreadable or does not fit its own hash.
-    """
-    return data_file.read(path, "the file of reference scenes", "reinstall tactibench.", _reference)
-
-
 def _reference(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
     if "move" in arrays:
         return Reference(tuple(_slides(arrays)), parameters, digest)
@@ -194,3 +161,16 @@ def _scenes(
             array.setflags(write=False)
         scenes.append(scene)
     return scenes
+
+
+DATA, DATA_OTHER_TIPS, DATA_SIDEWAYS = (
+    data_file.DataFile(__package__, name, "the file of reference scenes", _reference)
+    for name in (FILE, OTHER_TIPS, SIDEWAYS)
+)
+read, shipped_file = DATA.read, DATA.shipped
+shipped_other_tips, shipped_sideways = DATA_OTHER_TIPS.shipped, DATA_SIDEWAYS.shipped
+
+
+def shipped() -> tuple[ReferenceScene, ...]:
+    """Return the scenes of R = 3 mm that ship with the package."""
+    return shipped_file().scenes
