@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.compare import press_means
+from tactibench.metrics.compare import press_shares
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.schema import Protocol
@@ -54,7 +54,8 @@ class PressErrors:
 
     Attributes:
         press: (P,) names, sorted.
-        error: (P,) mean error of each press.
+        error: (P,) errors, whose mean is the error of the board: of each press the sum over its
+            frames, over the mean number of frames of a press.
         apart: The same for tests that are scored apart and have a ranking, by name of the test.
     """
 
@@ -108,7 +109,7 @@ def press_errors_of(
 
 
 def _press_errors(metric: str, group: str, trials: Trials | PlateTrials) -> PressErrors:
-    error = press_means(metric, trials, (group,))[:, 0]
+    error = press_shares(metric, trials, group)
     finite = np.isfinite(error)
     return PressErrors(np.unique(trials.press)[finite], error[finite])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
@@ -27,16 +28,42 @@ def press_means(
     Raises:
         UserError: The metric is no mean over presses of trials of this kind.
     """
-    sample = _sample(name, trials)
-    unique, codes = np.unique(trials.press, return_inverse=True)
     columns = []
     for group in groups:
-        inside = _members(trials, group)[sample.trial]
-        press = codes[sample.trial[inside]]
-        sums = np.bincount(press, sample.values[inside], len(unique))
-        counts = np.bincount(press, minlength=len(unique))
-        columns.append(np.divide(sums, counts, out=np.full(len(unique), np.nan), where=counts > 0))
+        sums, counts = _press_sums(name, trials, group)
+        columns.append(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
     return np.stack(columns, axis=1)
+
+
+def press_shares(name: str, trials: Trials | PlateTrials, group: str = "all") -> FloatArray:
+    """Return what each press has of a metric: (P,) values with the metric as their mean.
+
+    It is the sum of a press's values over the mean number of values of a press, and so the mean of
+    the press where all have the same number. NaN where a press has no value.
+
+    Args:
+        name: Name of the metric.
+        trials: Test frames, of which ``np.unique(trials.press)`` are the P presses.
+        group: Name of a group of trials.
+
+    Raises:
+        UserError: The metric is no mean over presses of trials of this kind.
+    """
+    sums, counts = _press_sums(name, trials, group)
+    number = counts.sum() / max(np.count_nonzero(counts), 1)
+    return np.divide(sums, number, out=np.full(len(sums), np.nan), where=counts > 0)
+
+
+def _press_sums(
+    name: str, trials: Trials | PlateTrials, group: str
+) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return the sum of a metric's values, and their number, of every press."""
+    sample = _sample(name, trials)
+    unique, codes = np.unique(trials.press, return_inverse=True)
+    inside = _members(trials, group)[sample.trial]
+    press = codes[sample.trial[inside]]
+    sums = np.bincount(press, sample.values[inside], len(unique))
+    return sums, np.bincount(press, minlength=len(unique))
 
 
 def compared_metrics(trials: Trials | PlateTrials, names: Iterable[str]) -> list[str]:

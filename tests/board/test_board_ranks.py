@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,8 +13,12 @@ from scipy import stats
 from tactibench.board.grouping import rows_of
 from tactibench.board.predictions import PressErrors
 from tactibench.board.ranking import ranks
+from tactibench.board.submissions import all_press_errors, read_submissions
+from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.loader import protocol_files
 from tactibench.stats.intervals import mean_interval
 
+BOARD = Path(__file__).resolve().parents[2] / "leaderboards"
 PRESSES = np.array([f"p{k:03d}" for k in range(200)])
 SEEDS = 3
 
@@ -181,6 +187,19 @@ def test_seeds_of_one_training_count_once(fabricate, errors) -> None:
     found = ranks("exp1", rows, kept(made, errors))
     assert by_model(found, rows) == {"a": None, "b": 1, "c": 2}
     assert "1 row has no rank" in found.note
+
+
+@pytest.mark.parametrize(
+    "protocol", [name for name in protocol_files() if board_spec(name).ranking]
+)
+def test_the_errors_that_rank_have_the_printed_error_as_their_mean(protocol) -> None:
+    by = board_spec(protocol).ranking
+    committed = read_submissions(BOARD, protocol)
+    errors = all_press_errors(BOARD, committed)
+    printed = {record.name: record.value(by.metric, by.group) for record in committed}
+    means = {name: errors[name].error.mean() for name in errors if printed[name] is not None}
+    assert means
+    assert means == pytest.approx({name: printed[name] for name in means}, rel=1e-9)
 
 
 def test_one_seed_of_a_shipped_model_that_draws_nothing_is_enough(fabricate, errors) -> None:
