@@ -42,7 +42,7 @@ def is_full(error: OSError) -> bool:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: the close match, or all known names."""
-    names = sorted(known)
+    names = sorted(set(known))
     by_letters = {text.lower(): text for text in names}  # EXP1 is nearer to exp1 than to others
     close = difflib.get_close_matches(name.lower(), by_letters, n=1, cutoff=0.5)
     if close:

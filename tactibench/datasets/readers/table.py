@@ -75,7 +75,7 @@ class Table:
 
         Args:
             column: Name of the column.
-            allow_empty: Whether a cell may be empty, which gives NaN.
+            allow_empty: Whether a cell may be empty or blank, which gives NaN.
 
         Raises:
             UserError: A cell is no finite number; the sentence names its row.
@@ -83,7 +83,7 @@ class Table:
         numbers = self._parse(column)
         wrong = ~np.isfinite(numbers)
         if allow_empty:
-            wrong &= [cell != "" for cell in self.cells[column]]
+            wrong &= [cell.strip() != "" for cell in self.cells[column]]
         bad = np.flatnonzero(wrong)
         if len(bad):
             cell = self.cells[column][bad[0]]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tactibench import Indenter, Pose, Scene
+from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import find_format, import_folder, open_recording, read_options
+from tactibench.datasets.readers.table import read_table
 
 
 def frames(folder, count, stem="f"):
@@ -154,3 +156,12 @@ def test_no_lines(tmp_path, refused):
 def test_options_that_are_not_understood(refused, text, words):
     refused(lambda: read_options([text]), *words)
     refused(lambda: read_options(["pivot_mm=1", "pivot_mm=2"]), "given twice")
+
+
+def test_a_cell_of_spaces_is_an_empty_one():
+    table = read_table(Path("a.csv"), b"frame, depth\na.png,   2.1\nb.png,      \n")
+    assert table.numbers("depth", allow_empty=True).tolist() == pytest.approx(
+        [2.1, float("nan")], nan_ok=True
+    )
+    with pytest.raises(UserError, match="row 2: depth is '      '"):
+        table.numbers("depth")
