@@ -51,7 +51,9 @@ def press_shares(name: str, trials: Trials | PlateTrials, group: str = "all") ->
     """
     sums, counts = _press_sums(name, trials, group)
     number = counts.sum() / max(np.count_nonzero(counts), 1)
-    return np.divide(sums, number, out=np.full(len(sums), np.nan), where=counts > 0)
+    shares = np.full(len(sums), np.nan)
+    np.divide(sums, number, out=shares, where=counts > 0)
+    return shares
 
 
 def _press_sums(
@@ -62,7 +64,7 @@ def _press_sums(
     unique, codes = np.unique(trials.press, return_inverse=True)
     inside = _members(trials, group)[sample.trial]
     press = codes[sample.trial[inside]]
-    sums = np.bincount(press, sample.values[inside], len(unique))
+    sums: FloatArray = np.bincount(press, sample.values[inside], len(unique)).astype(np.float64)
     return sums, np.bincount(press, minlength=len(unique))
 
 
