@@ -204,7 +204,8 @@ def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
         name = answers.record.name
         raise UserError(
             f"the answers of {name} cannot be scored: {why} They are kept: the same command, or "
-            f"`tactibench score {name}`, scores them once that is mended."
+            f"`tactibench score {name} --store {answers.folder.parent}`, scores them once that is "
+            "mended."
         ) from error
 
 
