@@ -56,10 +56,8 @@ def ranking_error(protocol: str) -> Ranking:
     """
     ranking = board_spec(protocol).ranking
     if ranking is None:
-        ordered_boards = [name for name in protocol_files() if board_spec(name).ranking]
-        raise UserError(
-            f"no error of {protocol} orders its board; take {', '.join(ordered_boards)}."
-        )
+        able = ", ".join(name for name in protocol_files() if board_spec(name).ranking)
+        raise UserError(f"no error of {protocol} orders its board; take {able}.")
     return ranking
 
 
@@ -71,18 +69,18 @@ def ordered(protocol: str, rows: Iterable[Row], apart: str = "") -> list[Row]:
         rows: Rows of one section.
         apart: Name of the test scored apart whose error orders the rows; "": the main test.
     """
-    ranking = _ranking(protocol, apart)
-    return sorted(rows, key=lambda row: (row.trivial, *_place(ranking, row), row.label))
+    by = _ranking(protocol, apart)
+
+    def place(row: Row) -> tuple[bool, bool, float, str]:
+        pooled = None if by is None else row.metric(by.metric, by.group)
+        return row.trivial, pooled is None, 0.0 if pooled is None else pooled.value, row.label
+
+    return sorted(rows, key=place)
 
 
 def _ranking(protocol: str, apart: str) -> Ranking | None:
     spec = board_spec(protocol)
     return spec.apart.get(apart) if apart else spec.ranking
-
-
-def _place(ranking: Ranking | None, row: Row) -> tuple[bool, float]:
-    pooled = None if ranking is None else row.metric(ranking.metric, ranking.group)
-    return (True, 0.0) if pooled is None else (False, pooled.value)
 
 
 LEVEL = 0.95
@@ -110,11 +108,14 @@ class Ranks:
         by_row: Rank of every row, None where it has none.
         paired: Number of rows with a rank that have predictions beside all their records.
         too_few: Number of rows that have an error, but too few presses or seeds for a rank.
+        unsure: Rows that have a better rank than a row with a smaller error: they cannot be told
+            from the first row of the rank, and that row can. Their errors scatter more, as a rule.
     """
 
     by_row: tuple[int | None, ...]
     paired: int
     too_few: int = 0
+    unsure: frozenset[int] = frozenset()
 
     @property
     def note(self) -> str:
@@ -170,11 +171,8 @@ def row_difference(protocol: str, first: Row, second: Row, errors: Errors) -> Ro
     by = _ranking(protocol, "")
     if by is None:
         return None
-    both_samples = [_sample(row, by, errors) for row in (first, second)]
-    samples = [
-        one for one in both_samples if one is not None and one.errors is not None and one.enough
-    ]
-    if len(samples) < 2:
+    samples = [sample for row in (first, second) if (sample := _sample(row, by, errors))]
+    if sum(sample.errors is not None and sample.enough for sample in samples) < 2:
         return None
     one, other = (_errors(sample) for sample in samples)
     shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
@@ -212,10 +210,12 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
     ranked = [sample for _, sample in enough]
     places = _group(*_compare(ranked))
     by_row = {enough[place][0]: rank for place, rank in places.items()}
+    latest = np.maximum.accumulate([places[place] for place in range(len(ranked))])
     return Ranks(
         tuple(by_row.get(k) for k in range(len(rows))),
         sum(sample.errors is not None for sample in ranked),
         sum(sample is not None and not sample.enough for sample in samples),
+        frozenset(enough[place][0] for place, rank in places.items() if rank < latest[place]),
     )
 
 

@@ -118,7 +118,8 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
         ]
     presses = [count for value in pooled if value is not None for count in value.clusters]
     counted = f"{span(presses)} presses." if presses else ""
-    note = " ".join(filter(None, (counted, "" if ranks is None else ranks.note)))
+    ranking = () if ranks is None else (ranks.note, _unsure(ranks, rows))
+    note = " ".join(filter(None, (counted, *ranking)))
     result = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
     linked = ranks is not None and not spec.apart  # a row has one place to link to
     return result if not linked else replace(result, anchors=tuple(map(row_anchor, rows)))
@@ -150,6 +151,17 @@ def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Rankin
     heads = [*IDENTITY, Column(f"here: {head}"), Column(f"the protocol's own test: {head}")]
     note = "The same weights on both; each interval is over the presses of its own test."
     return table(heads, body, title="Beside the protocol's own test", note=note)
+
+
+def _unsure(ranks: Ranks, rows: Sequence[Row]) -> str:
+    """Return a sentence on the rows whose rank is better than that of a smaller error, or ""."""
+    if not ranks.unsure:
+        return ""
+    labels = "; ".join(rows[k].label for k in sorted(ranks.unsure))
+    return (
+        "Not told from the first row of their rank, though rows with a smaller error are: "
+        f"{labels}."
+    )
 
 
 def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:

@@ -159,6 +159,17 @@ def test_models_that_differ_by_their_seeds_alone_share_a_rank(fabricate, models)
     assert shared / tables > 0.95 - 0.036
 
 
+def test_a_row_that_scatters_shares_the_first_rank_and_is_named_unsure(fabricate) -> None:
+    hard = np.random.default_rng(1).gamma(2, 0.1, 200)
+    scattering = np.stack([0.2 * hard, 0.2 * hard, 9 * hard])
+    errors = {"a": hard, "b": 1.5 * hard, "c": scattering}
+    made = records(fabricate, errors)
+    rows = rows_of(made)
+    found = ranks("exp1", rows, kept(made, errors))
+    assert by_model(found, rows) == {"a": 1, "b": 3, "c": 1}
+    assert [rows[k].first.model.name for k in found.unsure] == ["c"]
+
+
 def test_three_seeds_tell_an_error_from_its_tenfold(fabricate) -> None:
     rng = np.random.default_rng(2)
     found = ranked(fabricate, noisy(rng, {name: 10.0**k for k, name in enumerate("abcdef")}))
