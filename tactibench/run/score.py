@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -201,11 +202,11 @@ def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
         raise
     except Exception as error:  # of any kind: the user must be told that the answers are stored
         why = str(error) if isinstance(error, UserError) else f"{describe_exception(error)}."
-        name = answers.record.name
+        name, store = answers.record.name, answers.folder.parent
+        in_store = "" if store == Path("runs") else f" --store {store}"
         raise UserError(
             f"the answers of {name} cannot be scored: {why} They are kept: the same command, or "
-            f"`tactibench score {name} --store {answers.folder.parent}`, scores them once that is "
-            "mended."
+            f"`tactibench score {name}{in_store}`, scores them once that is mended."
         ) from error
 
 

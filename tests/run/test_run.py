@@ -272,10 +272,10 @@ def test_answers_that_cannot_be_scored_are_kept_and_scored_later(
         raise error
 
     monkeypatch.setattr("tactibench.run.score.score_arrays", fail)
-    name = planned("exp1").name
-    with pytest.raises(UserError, match=f"kept: the same command, or `tactibench score {name}`"):
+    name, store = planned("exp1").name, tmp_path / "runs"
+    command = f"`tactibench score {name} --store {store}`"
+    with pytest.raises(UserError, match=f"kept: the same command, or {command}"):
         run("exp1")
-    store = tmp_path / "runs"
     assert run_names(store) == []
     monkeypatch.setattr("tactibench.run.score.score_arrays", score_arrays)
     tiny.TinyModel.shown.clear()
