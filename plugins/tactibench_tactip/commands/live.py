@@ -49,7 +49,9 @@ REST_FRAMES = 20
     help="Weights that were trained on this data set.",
 )
 @click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
-@click.option("--untrained", is_flag=True, help="Random weights of a network, to see the latency alone.")
+@click.option(
+    "--untrained", is_flag=True, help="Random weights of a network, to see the latency alone."
+)
 @number_option("--frames", click.IntRange(min=1), 300, "Frames to answer.")
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
