@@ -16,7 +16,12 @@ END_S = 20
 def demo_page(arguments: Sequence[str]) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Yield the address of the page and the process; Ctrl-C ends it."""
     command = [sys.executable, "-m", "tactibench", "demo", "--no-browser", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
+    try:
+        started = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with started as process:
         try:
             assert process.stdout is not None
             for line in process.stdout:
