@@ -6,7 +6,7 @@ from tactibench import UserError
 
 
 class NotHomedError(UserError):
-    """A stage does not know where it is, and was not to drive to its switches."""
+    """A stage does not know where it is, and may not drive to its switches."""
 
 
 class DeviceError(UserError):

@@ -107,7 +107,7 @@ class RobotSettings(_Table):
 
     @property
     def homes(self) -> bool:
-        """Whether connecting may drive the robot to its switches."""
+        """Return whether connecting may drive the robot to its switches."""
         return self.driver == "grbl" and self.home
 
     @model_validator(mode="after")

@@ -77,7 +77,7 @@ class TouchAge:
 
     @property
     def is_due(self) -> bool:
-        """Whether ``contact.every_presses`` or ``contact.every_minutes`` have passed."""
+        """Return whether ``contact.every_presses`` or ``contact.every_minutes`` have passed."""
         age_s = (time.monotonic() - self._found_at) * self._time_scale
         return (
             self.presses >= self._contact.every_presses

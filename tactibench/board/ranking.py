@@ -108,8 +108,8 @@ class Ranks:
         by_row: Rank of every row, None where it has none.
         paired: Number of rows with a rank that have predictions beside all their records.
         too_few: Number of rows that have an error, but too few presses or seeds for a rank.
-        unsure: Rows that have a better rank than a row with a smaller error: they cannot be told
-            from the first row of the rank, and that row can. Their errors scatter more, as a rule.
+        unsure: Rows that cannot be told apart from the first row of their rank, although a row with
+            a smaller error can. Their errors scatter more, as a rule.
     """
 
     by_row: tuple[int | None, ...]

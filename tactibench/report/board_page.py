@@ -82,10 +82,10 @@ how many frames it mixed for itself out of single presses, per training frame. M
 are trivial. `n/a`: not measured, or one seed has no value. Rank: rows share one where their order
 may be chance, that of other presses and of other training seeds. The first row of a rank has a
 smaller error than each row of a later rank at p < 0.05, adjusted for the number of comparisons
-(Holm). Two other rows of different ranks need not differ. A row that cannot be told from the first
-one of a rank shares it, even where a row with a smaller error can. Its seeds scatter, as a rule
-(`sd`); the note below a table names such rows. The presses of a table are those of the first one
-where nothing else is said.""")
+(Holm). Two other rows of different ranks need not differ. A row that cannot be told apart from the
+first one of a rank shares it, even where a row with a smaller error can. Its seeds scatter, as a
+rule (`sd`); the note below a table names such rows. The presses of a table are those of the first
+one where nothing else is said.""")
 """How to read the tables of every board."""
 READING_COSTS = prose("""\
 Latency: one frame to contacts in mm, batch 1, one thread where nothing else is said. frames/s: the

@@ -159,7 +159,7 @@ def _unsure(ranks: Ranks, rows: Sequence[Row]) -> str:
         return ""
     labels = "; ".join(rows[k].label for k in sorted(ranks.unsure))
     return (
-        "Not told from the first row of their rank, though rows with a smaller error are: "
+        "Not told apart from the first row of their rank, although rows with a smaller error are: "
         f"{labels}."
     )
 

@@ -48,7 +48,7 @@ def test_a_committed_record_is_valid_and_small(tmp_path, stored):
 
 def test_how_a_training_was_resumed_stays_on_its_machine(fabricate):
     record = fabricate()
-    record.training.notes = {"checkpoint": "the checkpoint in /home/me was ignored", "mixing": 0.5}
+    record.training.notes = {"checkpoint": "the checkpoint in a folder was ignored", "mixing": 0.5}
     assert compact(record).training.notes == {"mixing": 0.5}
 
 
