@@ -25,13 +25,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.metrics.compare import press_means
-from tactibench.metrics.trials import Trials
-from tactibench.plugins.host import PluginHost
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.store import StoredRun, open_run
-from tactibench.stats.intervals import mean_interval
-from tactibench.stats.paired import sign_flip_p
+from tactibench.metrics import Trials, press_means
+from tactibench.plugins import PluginHost
+from tactibench.records import StoredRun, open_run, unpack_contacts
+from tactibench.stats import mean_interval, sign_flip_p
 
 Row = tuple[str, str]
 """Metric and group."""

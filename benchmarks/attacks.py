@@ -28,11 +28,9 @@ import forged
 from forged_files import FILES
 from forged_records import FORGERIES
 
-from tactibench.board.shipped import trusted_host
-from tactibench.board.truth import Source
-from tactibench.board.verification import score_again
+from tactibench.board import Source, score_again, trusted_host
 from tactibench.errors import UserError
-from tactibench.records.cache import cache_folder
+from tactibench.records import cache_folder
 
 SLOW_S = 3.0
 """Largest processor time of a verdict on a forged file; the first of a test set draws its truth."""

@@ -19,14 +19,19 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.board.compare import compare_runs
+from tactibench.board import compare_runs
 from tactibench.contacts import Contacts
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.answers import pack_contacts
-from tactibench.records.files import arrays_hash
-from tactibench.records.record import SCHEMA, Record
-from tactibench.records.store import PARTS, open_run, write_run
-from tactibench.run.score import score_arrays
+from tactibench.protocols import load_protocol
+from tactibench.records import (
+    PARTS,
+    SCHEMA,
+    Record,
+    arrays_hash,
+    open_run,
+    pack_contacts,
+    write_run,
+)
+from tactibench.run import score_arrays
 
 TARGET_S = 2.0
 

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Encoder, Grid
-from tactibench.run.latency import time_calls
+from tactibench.run import time_calls
 from tactibench_heatmaps.axes import Axes
 from tactibench_heatmaps.discs import HeatAndDepth, Offsets
 from tactibench_heatmaps.hertz import HertzGaussian

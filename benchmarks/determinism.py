@@ -40,16 +40,18 @@ def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hash
     Raises:
         UserError: The run cannot be planned, or its protocol changes sensors while it tests.
     """
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.records.files import arrays_hash
-    from tactibench.records.identity import combined, digest
-    from tactibench.run.evaluation import Evaluation, TestFrames
-    from tactibench.run.plan import make_plan
-    from tactibench.run.reporter import NullReporter
-    from tactibench.run.request import RunRequest
-    from tactibench.run.score import score_arrays
-    from tactibench.run.train import open_frames, train_model
+    from tactibench.plugins import PluginHost
+    from tactibench.records import arrays_hash, cache_folder, combined, digest
+    from tactibench.run import (
+        Evaluation,
+        NullReporter,
+        RunRequest,
+        TestFrames,
+        make_plan,
+        open_frames,
+        score_arrays,
+        train_model,
+    )
 
     reporter = NullReporter()
     plan = make_plan(RunRequest(**request, quick=True, device="cpu"), PluginHost(), cache_folder())

@@ -34,20 +34,13 @@ import forged
 from same_run import in_common
 from tiny_lab import Lab, tiny_host
 
-from tactibench.board.shipped import trusted_host
-from tactibench.board.truth import Source
-from tactibench.board.verification import score_again
-from tactibench.datasets import Header, Writer, index, open_dataset
-from tactibench.datasets.schema import Draft
-from tactibench.datasets.verification import verify as verify_dataset
+from tactibench.board import Source, score_again, trusted_host
+from tactibench.datasets import Draft, Header, Writer, index, open_dataset
+from tactibench.datasets import verify as verify_dataset
 from tactibench.errors import UserError
-from tactibench.records.store import PARTS, open_run, run_names, with_checksum
-from tactibench.run import evaluation
+from tactibench.records import PARTS, open_run, run_names, with_checksum
+from tactibench.run import NullReporter, RunRequest, Speed, evaluation, make_plan
 from tactibench.run.execute import execute
-from tactibench.run.plan import make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest
-from tactibench.run.timing import Speed
 
 MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of our own is made in it
 STATES = ("refused", "same", "silent", "raised")

@@ -21,22 +21,15 @@ from rich.console import Console
 
 from tactibench.contacts import Contacts, FloatArray, Indenter, Pose, Scene
 from tactibench.geometry import true_contacts
-from tactibench.metrics.hard_cases import ospa
-from tactibench.metrics.trials import Trials
-from tactibench.plugins.base import SensorContext
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import PATIENCE, fits
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Workspace
-from tactibench.records.cache import cache_folder
-from tactibench.report.table import Column, table
-from tactibench.report.writers.terminal import print_table
-from tactibench.run.plan import make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest
-from tactibench.run.train import train_model
-from tactibench.stats.intervals import mean_interval
-from tactibench.sweep.spec import read_choice
+from tactibench.metrics import Trials, ospa
+from tactibench.plugins import PluginHost, SensorContext
+from tactibench.protocols import PATIENCE, Workspace, fits, load_protocol
+from tactibench.records import cache_folder
+from tactibench.report import Column, print_table
+from tactibench.report.table import table
+from tactibench.run import NullReporter, RunRequest, make_plan, train_model
+from tactibench.stats import mean_interval
+from tactibench.sweep import read_choice
 
 PROTOCOL = "exp2"
 RADIUS_MM = 3.0

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench.protocols.split import CHUNK
+from tactibench.protocols import CHUNK
 from tactibench_sim.instances import RESERVED, instance_mechanics, instance_tables
 from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
 

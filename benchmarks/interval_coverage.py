@@ -29,10 +29,8 @@ import numpy as np
 from scipy import stats
 from scipy.special import expit
 
-from tactibench.metrics.crossing import interpolated_threshold
-from tactibench.metrics.threshold import SHARE, checked_threshold, fit_threshold
-from tactibench.stats.bca import bca_interval, bootstrap_values
-from tactibench.stats.intervals import mean_interval
+from tactibench.metrics import SHARE, checked_threshold, fit_threshold, interpolated_threshold
+from tactibench.stats import bca_interval, bootstrap_values, mean_interval
 
 CORRELATIONS = (0.0, 0.05, 0.3)
 PRESSES = (10, 30, 100)

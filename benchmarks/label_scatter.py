@@ -36,13 +36,11 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.special import erf
 
-from tactibench.datasets import open_recording
-from tactibench.datasets.spreads import direction_of, middle_of_spread
+from tactibench.datasets import direction_of, middle_of_spread, open_recording
 from tactibench.errors import UserError
-from tactibench.frames.recorded import published_frames
+from tactibench.frames import published_frames
 from tactibench.markers import Tracker
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.split import split_recorded
+from tactibench.protocols import load_protocol, split_recorded
 from tactibench_pins.displacements import Components
 from tactibench_pins.regression import Features, Setting, kernel
 

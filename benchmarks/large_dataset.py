@@ -19,10 +19,15 @@ from pathlib import Path
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets.channels import CHANNEL_FILE
-from tactibench.datasets.index import INDEX
-from tactibench.datasets.rows import write_row
-from tactibench.datasets.schema import JOURNAL, Header, Sample, write_header
+from tactibench.datasets import (
+    CHANNEL_FILE,
+    INDEX,
+    JOURNAL,
+    Header,
+    Sample,
+    write_header,
+    write_row,
+)
 
 OPEN = """
 import resource, sys

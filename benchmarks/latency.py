@@ -22,11 +22,17 @@ import numpy as np
 from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Frame, Grid, ModelContext, Pose
-from tactibench.plugins.base import Stage
-from tactibench.run.configurations import COMPILED, compare_configurations, fastest
-from tactibench.run.latency import Clocks, LatencySample, time_in_rounds
+from tactibench.plugins import Stage
+from tactibench.run import (
+    COMPILED,
+    Clocks,
+    LatencySample,
+    compare_configurations,
+    fastest,
+    limited_threads,
+    time_in_rounds,
+)
 from tactibench.run.machine import machine
-from tactibench.run.threads import limited_threads
 from tactibench_heatmaps.hertz import HertzGaussian
 from tactibench_unet.model import UNet
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactibench.run.machine import fingerprint, fingerprint_hash
+from tactibench.run import fingerprint, fingerprint_hash
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ import tactibench.superposition as package
 from tactibench import Frame, Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import DOME_RADIUS_MM, tip_depths
 from tactibench.markers import PinTracker
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.loader import load_protocol
+from tactibench.plugins import PluginHost
+from tactibench.protocols import draw_scenes, load_protocol
 from tactibench.superposition import Field, NeighbourLaw, solve
 
 Array = npt.NDArray[np.float64]

@@ -29,21 +29,23 @@ from torch.overrides import TorchFunctionMode
 
 from tactibench import Contacts, Frame, Grid, PlatePose, UserError
 from tactibench.contacts import Answer
-from tactibench.frames.presses import true_answers
-from tactibench.frames.source import spread
-from tactibench.plugins.base import Model, Stage
-from tactibench.plugins.host import PluginHost
-from tactibench.records.cache import cache_folder
-from tactibench.records.files import read_json, write_json
-from tactibench.run.configurations import COMPILED
-from tactibench.run.difference import compare, mean_error_mm
-from tactibench.run.latency import BATCHES
-from tactibench.run.plan import make_plan
-from tactibench.run.predict import blinded
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest, read_parameters
-from tactibench.run.threads import limited_threads
-from tactibench.run.train import open_frames, train_model
+from tactibench.frames import spread, true_answers
+from tactibench.plugins import Model, PluginHost, Stage
+from tactibench.records import cache_folder, read_json, write_json
+from tactibench.run import (
+    BATCHES,
+    COMPILED,
+    NullReporter,
+    RunRequest,
+    blinded,
+    compare,
+    limited_threads,
+    make_plan,
+    mean_error_mm,
+    open_frames,
+    read_parameters,
+    train_model,
+)
 from tactibench.training import LearnedModel
 
 MODELS = ("cnn", "unet", "vgnn", "mixture", "superpose")

@@ -16,8 +16,7 @@ import numpy as np
 
 from tactibench.datasets import ImportOptions, open_recording
 from tactibench.images import gray, resized
-from tactibench.markers import Tracker
-from tactibench.markers.pin_view import find_pin_view
+from tactibench.markers import Tracker, find_pin_view
 
 
 def median_ms(work: Callable[[int], object], count: int) -> float:

@@ -21,19 +21,21 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.board.predictions import (
+from tactibench.board import (
+    FOLDER,
+    Source,
     answers_file,
+    compact,
+    make_test_set,
     ranked_errors,
     read_answers_file,
+    read_submissions,
     split_ranked,
+    text_of,
+    trusted_host,
 )
-from tactibench.board.shipped import trusted_host
-from tactibench.board.submissions import FOLDER, compact, read_submissions, text_of
-from tactibench.board.truth import Source, make_test_set
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.files import arrays_hash, write_arrays
-from tactibench.records.record import Record
-from tactibench.records.store import Arrays, write_run
+from tactibench.protocols import load_protocol
+from tactibench.records import Arrays, Record, arrays_hash, write_arrays, write_run
 
 ROOT = Path(__file__).resolve().parents[1]
 PROTOCOLS = ("exp1", "exp2", "exp3")

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
 from forged import sign
 
-from tactibench.records.store import with_checksum
+from tactibench.records import with_checksum
 
 ROOT = Path(__file__).parents[1]
 SEEDS = 3

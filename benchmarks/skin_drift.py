@@ -20,8 +20,8 @@ import numpy as np
 from tactibench import Contacts, Frame, Grid, ModelContext
 from tactibench.datasets import Recording, open_recording, own_workspace
 from tactibench.geometry import true_contacts
-from tactibench.plugins.host import PluginHost
-from tactibench.run.reporter import NullProgress
+from tactibench.plugins import PluginHost
+from tactibench.run import NullProgress
 
 NEAR_MM = 0.5
 """Presses of the first session count where they are at most this far outside of the depths of the

@@ -22,9 +22,8 @@ from neighbours import free_contacts, scene_of
 
 import tactibench_superpose
 from tactibench import Contacts, Frame, ModelContext, Scene, SensorContext
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.loader import load_protocol
+from tactibench.plugins import PluginHost
+from tactibench.protocols import draw_scenes, load_protocol
 from tactibench_superpose.model import Superpose
 from tactibench_superpose.spread import GROUPS, Spread
 

@@ -26,16 +26,10 @@ import numpy.typing as npt
 from tactibench.contacts import Contacts, FloatArray, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
-from tactibench.metrics import uncertainty
-from tactibench.metrics.trials import Trials
-from tactibench.plugins.base import SensorContext
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import draw_scenes, pressable
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.identity import digest
-from tactibench.records.record import Record
-from tactibench.records.store import StoredRun, open_run
+from tactibench.metrics import Trials, uncertainty
+from tactibench.plugins import PluginHost, SensorContext
+from tactibench.protocols import draw_scenes, load_protocol, pressable
+from tactibench.records import Record, StoredRun, digest, open_run, unpack_contacts
 
 AXES = ("x", "y", "z")
 PERCENT = (50, 90, 95)

@@ -28,20 +28,23 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from tactibench.metrics import Trials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.cache import cache_folder
-from tactibench.records.store import RECORD, StoredRun, open_run
-from tactibench.report.table import Column, table
-from tactibench.report.writers.terminal import print_table
+from tactibench.plugins import PluginHost
+from tactibench.protocols import load_protocol
+from tactibench.records import RECORD, StoredRun, cache_folder, open_run
+from tactibench.report import Column, print_table
+from tactibench.report.table import table
+from tactibench.run import (
+    NullReporter,
+    RunRequest,
+    TestOptions,
+    make_plan,
+    read_parameters,
+    trials_of,
+)
 from tactibench.run.execute import execute
-from tactibench.run.plan import make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest, TestOptions, read_parameters
-from tactibench.run.score import trials_of
-from tactibench.sweep.spec import read_choice
+from tactibench.sweep import read_choice
 
 INSTANCES = tuple(range(1, 9))
 """Instances of the test: 0 is the nominal sensor, and trainings see instances from 10 on."""

@@ -15,22 +15,23 @@ import click
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from tactibench.board.cost import latency, machine
-from tactibench.board.rows import TRIVIAL, Row
-from tactibench.board.sections import gather_records, select_section
-from tactibench.protocols.loader import protocol_versions
-from tactibench.records.files import atomic
-from tactibench.report.plots.style import (
+from tactibench.board import TRIVIAL, Row, gather_records, latency, machine, select_section
+from tactibench.protocols import protocol_versions
+from tactibench.records import atomic
+from tactibench.report import (
     GREY,
+    Column,
+    Text,
     headline,
     log_ticks,
+    metric_number,
     model_look,
     new_figure,
     plain,
     save_png,
+    table_lines,
 )
-from tactibench.report.table import Column, Text, metric_number, table
-from tactibench.report.writers.markdown import table_lines
+from tactibench.report.table import table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, IMAGES = ROOT / "docs" / "explanation.md", ROOT / "docs" / "images"

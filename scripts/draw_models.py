@@ -18,12 +18,10 @@ import click
 import numpy as np
 from matplotlib.axes import Axes
 
-from tactibench.board.hard_cases import FamilyErrors, family_errors
-from tactibench.board.rows import Row
-from tactibench.board.submissions import read_submissions
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.record import Record
-from tactibench.report.plots.style import (
+from tactibench.board import FamilyErrors, Row, family_errors, read_submissions
+from tactibench.protocols import load_protocol
+from tactibench.records import Record
+from tactibench.report import (
     BLACK,
     GREY,
     TRIVIAL,

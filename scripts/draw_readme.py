@@ -13,13 +13,11 @@ from typing import Any
 
 import click
 
-from tactibench.board.overview import OverviewLine, overview
-from tactibench.board.rows import model_text
-from tactibench.board.submissions import read_submissions, records_of_version
-from tactibench.protocols.board_spec import overview_spec
-from tactibench.protocols.loader import load_protocol, shipped_files
+from tactibench.board import OverviewLine, model_text, read_submissions, records_of_version
+from tactibench.board.overview import overview
+from tactibench.protocols import load_protocol, overview_spec, shipped_files
+from tactibench.report import table_lines
 from tactibench.report.overview_table import overview_table
-from tactibench.report.writers.markdown import table_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "README.md", ROOT / "docs" / "images" / "instances.png"
@@ -56,7 +54,7 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
     """Draw the error of one contact of every model, on the nominal sensor and on unseen ones."""
     from matplotlib.figure import Figure
 
-    from tactibench.report.plots.style import model_look
+    from tactibench.report import model_look
 
     names = [column.name for column in overview_spec().columns]
     (unseen,) = (test for test in load_protocol("exp1").spec.test.apart if test.instances)

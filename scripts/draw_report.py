@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 
 from tactibench import api
-from tactibench.report.plots.style import save_png
+from tactibench.report import save_png
 
 ROOT = Path(__file__).resolve().parents[1]
 BOARD, IMAGES = ROOT / "leaderboards", ROOT / "docs" / "images"
@@ -42,9 +42,8 @@ def take_screenshots() -> None:
     """Take pictures of the report of the boards in Chromium, of a wide window and of a phone."""
     from playwright.sync_api import sync_playwright
 
-    from tactibench.report.html import BOARD as FROM_BOARD
-    from tactibench.report.html.page import report_page
-    from tactibench.report.html.report_data import gather
+    from tactibench.report import BOARD as FROM_BOARD
+    from tactibench.report import gather, report_page
 
     path = os.environ.get("TACTIBENCH_CHROMIUM") or shutil.which("chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:

@@ -24,7 +24,7 @@ from reference import (
 from reference.text import single_spaced
 
 from tactibench.errors import UserError
-from tactibench.records.files import atomic
+from tactibench.records import atomic
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = "python scripts/make_reference.py"

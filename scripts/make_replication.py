@@ -14,19 +14,30 @@ from pathlib import Path
 
 import click
 
-from tactibench.board.ranking import Errors, ranking_error, row_difference
-from tactibench.board.rows import Row
-from tactibench.board.sections import NOMINAL, sections_of
-from tactibench.board.submissions import (
+from tactibench.board import (
+    NOMINAL,
+    Errors,
+    Row,
     all_press_errors,
+    ranking_error,
     read_submissions,
     records_of_version,
+    row_difference,
+    sections_of,
 )
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.published import PublishedRow, load_published, rows_for
-from tactibench.report.numbers import fixed, number
-from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
-from tactibench.report.writers.markdown import table_lines
+from tactibench.protocols import PublishedRow, load_protocol, load_published, rows_for
+from tactibench.report import (
+    Cell,
+    Column,
+    Head,
+    Number,
+    Table,
+    fixed,
+    metric_number,
+    number,
+    table_lines,
+)
+from tactibench.report.table import table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, BOARD = ROOT / "docs" / "replication.md", ROOT / "leaderboards"

@@ -19,17 +19,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.records.store import RECORD, StoredRun, open_run, stored_runs, unscored_run
+from tactibench.records import RECORD, StoredRun, open_run, stored_runs, unscored_run
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from tactibench.board.compare import Comparison
-    from tactibench.board.placement import Placement
-    from tactibench.report.plot_data import PlotData
-    from tactibench.run.plan import RunPlan
-    from tactibench.run.reporter import Reporter
+    from tactibench.board import Comparison, Placement
+    from tactibench.report import PlotData
+    from tactibench.run import Reporter, RunPlan
 
 __all__ = [
     "Comparisons",
@@ -158,7 +156,7 @@ class Plan:
         Args:
             fresh: Whether to predict, time and score again, even if the run is stored.
         """
-        from tactibench.run.plan import plan_lines
+        from tactibench.run import plan_lines
 
         stored = self.stored and not fresh
         answered = not fresh and unscored_run(self.store, self.name) is not None
@@ -166,7 +164,7 @@ class Plan:
 
     def check(self) -> None:
         """Raise UserError for metrics that do not exist or do not fit, before any work."""
-        from tactibench.metrics.registry import check_metrics
+        from tactibench.metrics import check_metrics
 
         check_metrics(self.details.protocol)
 
@@ -193,7 +191,7 @@ class Plan:
         Args:
             progress: Whether to show progress on stderr, or a reporter that shows it.
         """
-        from tactibench.run.train import train_model
+        from tactibench.run import train_model
 
         _, trained = train_model(self.details, _reporter(progress))
         return Training(
@@ -254,10 +252,9 @@ def plan(
     Raises:
         UserError: Something does not exist or does not fit.
     """
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.run.plan import make_plan
-    from tactibench.run.request import RunRequest, read_parameters, read_test_options
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.run import RunRequest, make_plan, read_parameters, read_test_options
 
     if isinstance(params, Mapping):
         params = [f"{name}={value}" for name, value in params.items()]
@@ -369,9 +366,9 @@ def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
     Raises:
         UserError: There is no board or no such protocol, or a record cannot be read.
     """
-    from tactibench.board.submissions import check_folder
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.report.board_export import protocol_rows
+    from tactibench.board import check_folder
+    from tactibench.protocols import load_protocol
+    from tactibench.report import protocol_rows
 
     check_folder(Path(board))
     return _frame(protocol_rows(Path(board), load_protocol(protocol)))
@@ -405,7 +402,7 @@ def score(name: str | Path | Run, store: str | Path = STORE) -> Score:
         UserError: There is no such run, its protocol is not installed in the same version, or its
             answers cannot be scored.
     """
-    from tactibench.run.score import metric_differences, protocol_of, rescore, score_answers
+    from tactibench.run import metric_differences, protocol_of, rescore, score_answers
 
     if isinstance(name, str) and (answers := unscored_run(Path(store), name)) is not None:
         done = score_answers(answers, protocol_of(answers))
@@ -455,7 +452,7 @@ def compare(
         UserError: There are fewer than two runs, a run does not exist, or they did not answer the
             same frames.
     """
-    from tactibench.board.compare import compare_runs
+    from tactibench.board import compare_runs
 
     if len(runs) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
@@ -474,7 +471,7 @@ def place(run: StoredRun, board: str | Path = BOARD) -> Placement | None:
         The placement: rank, number of rows and the next better row. None where there is nothing to
         compare with.
     """
-    from tactibench.board.placement import place_run
+    from tactibench.board import place_run
 
     return place_run(run, Path(board))
 
@@ -516,7 +513,7 @@ class Plot:
         Raises:
             UserError: The name of the file does not end in .png.
         """
-        from tactibench.report.plots.style import save_png
+        from tactibench.report import save_png
 
         if Path(path).suffix.lower() != ".png":
             raise UserError(f"{path} is no PNG file; call it {Path(path).with_suffix('.png')}.")
@@ -552,7 +549,7 @@ def plot(
     Raises:
         UserError: There is nothing to draw, or no such kind, protocol or sensor.
     """
-    from tactibench.report.plot_data import curve_data, frontier_data, stability_data
+    from tactibench.report import curve_data, frontier_data, stability_data
 
     runs = None if store is None else Path(store)
     if kind == "frontier":
@@ -628,6 +625,6 @@ def _reporter(progress: Reporter | bool) -> Reporter:
         return progress
     from rich.console import Console
 
-    from tactibench.report.progress import progress_on
+    from tactibench.report import progress_on
 
     return progress_on(Console(stderr=True, highlight=False), quiet=not progress)

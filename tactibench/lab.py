@@ -6,21 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactibench.datasets.press_plan import (
-    Press,
-    PressPlan,
-    plan_of_file,
-    plan_of_protocol,
-    press_rows,
-)
+from tactibench.datasets import Press, PressPlan, plan_of_file, plan_of_protocol, press_rows
 from tactibench.errors import did_you_mean
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.records.files import atomic, write_json
+from tactibench.protocols import first_mistake, load_protocol
+from tactibench.records import atomic, write_json
 
 if TYPE_CHECKING:
-    from tactibench.plugins.base import Model
-    from tactibench.protocols.draws import SensorShape
+    from tactibench.plugins import Model
+    from tactibench.protocols import SensorShape
 
 __all__ = [
     "Press",
@@ -84,13 +77,17 @@ def trained_model(
         UserError: There are no weights (the sentence tells how to train them), or something in the
             request does not exist or does not fit.
     """
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.run.plan import make_plan, no_weights
-    from tactibench.run.reporter import NullReporter
-    from tactibench.run.request import RunRequest, read_parameters
-    from tactibench.run.train import train_model as load
-    from tactibench.run.weights_file import SUFFIX
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.run import (
+        SUFFIX,
+        NullReporter,
+        RunRequest,
+        make_plan,
+        no_weights,
+        read_parameters,
+    )
+    from tactibench.run import train_model as load
 
     if name.endswith(SUFFIX):
         return open_weights(Path(name))
@@ -124,6 +121,6 @@ def open_weights(
     Raises:
         UserError: The file is damaged, has another sha256, or this installation has no such model.
     """
-    from tactibench.run.weights_file import open_weights as open_file
+    from tactibench.run import open_weights as open_file
 
     return open_file(path, sha256=sha256, device=device)

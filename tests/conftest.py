@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from tactibench.records.record import Record
+    from tactibench.records import Record
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # processes that each take all cores stall each other
     for library in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -86,8 +86,8 @@ def fabricated(
 ) -> Record:
     """A valid record. protocol: its id, or the label of an archived version. error: of the metric
     that orders the board; settings, sensor: parameters that are not at their defaults."""
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.records.record import Record
+    from tactibench.protocols import load_protocol
+    from tactibench.records import Record
 
     loaded = load_protocol(protocol)
     label = [_labelled(model, settings), _labelled("tactip-127", sensor)]
@@ -153,7 +153,7 @@ def fabricated(
 
 
 def hash_of(value: Any) -> str:
-    from tactibench.records.identity import digest
+    from tactibench.records import digest
 
     return digest(value)[:8]
 

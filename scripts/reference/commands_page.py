@@ -12,9 +12,7 @@ import click
 from reference.text import anchor, cell, code, fenced, grid, prose
 from tactibench.cli.main import INTERRUPTED, MISTAKE, VERBS, main
 from tactibench.errors import UserError
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.hookspecs import GROUP
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import GROUP, Origin, PluginHost
 
 PROGRAM = "tactibench"
 

@@ -11,9 +11,7 @@ from typing import Any, get_args, get_type_hints
 from reference.source import Module, outline, signature
 from reference.text import anchor, cell, code, fenced, grid, prose
 from tactibench.errors import UserError
-from tactibench.plugins import hookspecs
-from tactibench.plugins.host import HOOKS
-from tactibench.plugins.parameter import Parameter
+from tactibench.plugins import HOOKS, Parameter, hookspecs
 
 EXAMPLE = "docs/examples/tactile_pocket"
 BASE_CLASSES = {"ModelSpec": "Model", "SensorSpec": "Sensor", "EncoderSpec": "Encoder"}

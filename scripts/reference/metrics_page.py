@@ -9,11 +9,9 @@ from typing import Any
 
 from reference.keys import Keys
 from reference.text import anchor, code, grid, plain
-from tactibench.metrics.plate import PUBLISHED_NAMES
-from tactibench.metrics.registry import FAMILIES, all_metrics
-from tactibench.metrics.spec import MetricSpec
-from tactibench.protocols.loader import protocol_files, read_protocol
-from tactibench.run.score import LIMIT, THRESHOLD
+from tactibench.metrics import FAMILIES, PUBLISHED_NAMES, MetricSpec, all_metrics
+from tactibench.protocols import protocol_files, read_protocol
+from tactibench.run import LIMIT, THRESHOLD
 
 BETTER = {
     "lower": "lower is better",

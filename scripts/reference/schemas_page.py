@@ -10,11 +10,9 @@ from pydantic import TypeAdapter
 
 from reference.keys import Keys
 from reference.text import anchor, cell, code, grid
-from tactibench.datasets.rows import Row
-from tactibench.datasets.schema import Header
-from tactibench.datasets.splits import Split
-from tactibench.protocols.schema import Protocol
-from tactibench.records.record import Record
+from tactibench.datasets import Header, Row, Split
+from tactibench.protocols import Protocol
+from tactibench.records import Record
 
 Schema = Mapping[str, Any]
 

@@ -19,15 +19,18 @@ from tactibench.board.hard_cases import ERROR
 from tactibench.board.rows import label_of, measured_on
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.compare import compared_metrics, press_means
-from tactibench.metrics.groups import by_condition, by_kind
-from tactibench.metrics.registry import find_metric
-from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.records.identity import canonical
-from tactibench.records.store import StoredRun
-from tactibench.run.score import protocol_of, trials_of
-from tactibench.stats.intervals import Estimate, mean_interval
-from tactibench.stats.paired import holm, sign_flip_ps
+from tactibench.metrics import (
+    PlateTrials,
+    Trials,
+    by_condition,
+    by_kind,
+    compared_metrics,
+    find_metric,
+    press_means,
+)
+from tactibench.records import StoredRun, canonical
+from tactibench.run import protocol_of, trials_of
+from tactibench.stats import Estimate, holm, mean_interval, sign_flip_ps
 
 COMPARISON_STREAM = 1_000_001
 """Spawn key of the data seed behind the permutations."""

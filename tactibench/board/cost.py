@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from tactibench.board.rows import Row
-from tactibench.records.record import Record, SpeedRow
-from tactibench.run.load import Load
+from tactibench.records import Record, SpeedRow
+from tactibench.run import Load
 
 
 def by_machine(row: Row) -> list[Row]:

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from tactibench.board.rows import PooledMetric, Row, label_of
-from tactibench.plugins.specs import INSTANCE
-from tactibench.protocols.board_spec import Ranking
-from tactibench.records.record import Record, Value
+from tactibench.plugins import INSTANCE
+from tactibench.protocols import Ranking
+from tactibench.records import Record, Value
 
 INSTANCES = "instances"
 """Parameter of a sensor: number of instances of its make that the training presses are from."""

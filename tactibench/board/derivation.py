@@ -7,15 +7,10 @@ from dataclasses import asdict, dataclass, field
 from math import isinf
 from typing import Any
 
-from tactibench.frames.ground_truth import simulator_error
-from tactibench.frames.source import FrameRequest, FrameSource
-from tactibench.frames.transfer import TransferFrames
-from tactibench.protocols.hidden_seed import HiddenSeed
-from tactibench.records.record import Record
-from tactibench.records.store import Arrays
-from tactibench.run.published_predictions import find_published
-from tactibench.run.request import DATA, TestOptions
-from tactibench.run.test_sensor import target_record
+from tactibench.frames import FrameRequest, FrameSource, TransferFrames, simulator_error
+from tactibench.protocols import HiddenSeed
+from tactibench.records import Arrays, Record
+from tactibench.run import DATA, TestOptions, find_published, target_record
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from tactibench.board.cost import latency, machine
 from tactibench.board.rows import Row
-from tactibench.protocols.board_spec import Ranking
+from tactibench.protocols import Ranking
 
 SETTLED = 0.02
 """Relative. A warm-up ends when two blocks of calls differ by less; so times that differ by less

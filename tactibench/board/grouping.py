@@ -8,8 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from tactibench.board.rows import Row, label_of
-from tactibench.records.identity import canonical, digest
-from tactibench.records.record import Record, Value
+from tactibench.records import Record, Value, canonical, digest
 
 RETIRED = frozenset({"tolerance", "allow_fem"})
 """Parameters of simulated sensors that only older records have; they changed no frame."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tactibench.board.rows import PooledMetric, Row
-from tactibench.protocols.families import Axis
+from tactibench.protocols import Axis
 
 ERROR = "ospa_mm"
 DECIMALS = 3

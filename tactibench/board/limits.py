@@ -10,9 +10,9 @@ import numpy as np
 
 from tactibench.contacts import FloatArray, Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
-from tactibench.frames.two_point_limit import spacing_limit
+from tactibench.frames import spacing_limit
 from tactibench.geometry import tip_positions
-from tactibench.plugins.base import Sensor
+from tactibench.plugins import Sensor
 
 AXES = ("x", "y", "depth")
 SEPARATION = "separation"

@@ -15,8 +15,7 @@ from pathlib import Path
 from tactibench.board.grouping import row_key, section_key
 from tactibench.board.submissions import read_untrusted
 from tactibench.errors import UserError
-from tactibench.records.identity import canonical
-from tactibench.records.record import Record, parse_record
+from tactibench.records import Record, canonical, parse_record
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ from typing import Any
 from tactibench.board.grouping import rows_of, trained_for, training_sensor, whole
 from tactibench.board.hard_cases import family_errors
 from tactibench.board.rows import PooledMetric, Row
-from tactibench.protocols.board_spec import overview_spec
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.identity import canonical
-from tactibench.records.record import Record
+from tactibench.protocols import load_protocol, overview_spec
+from tactibench.records import Record, canonical
 
 HARD_CASES = "stability"
 INSTANCES = "individual"

@@ -17,11 +17,9 @@ from tactibench.board.submissions import (
     records_of_version,
     slot,
 )
-from tactibench.protocols.board_spec import Ranking, board_spec
-from tactibench.protocols.loader import version_of
-from tactibench.records.identity import canonical
-from tactibench.records.record import Record
-from tactibench.records.store import StoredRun
+from tactibench.protocols import Ranking, version_of
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Record, StoredRun, canonical
 
 BOUND = "rmse_over_bound"
 

@@ -21,13 +21,11 @@ import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.compare import press_shares
-from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.metrics import PlateTrials, Trials, press_shares
+from tactibench.protocols import Protocol
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.schema import Protocol
-from tactibench.run.hard_cases import FAILURE_COLUMNS as FAILURES
-from tactibench.run.hard_cases import LONGEST_CAUSE
-from tactibench.run.score import trials_of
+from tactibench.run import FAILURE_COLUMNS as FAILURES
+from tactibench.run import LONGEST_CAUSE, trials_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -14,13 +14,10 @@ from tactibench.board.derivation import Derived
 from tactibench.board.record_forms import LABEL, SLACK, differs, look_alike, same, short
 from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.parameter import Parameter
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.records.identity import canonical
-from tactibench.records.record import Component, Record
-from tactibench.run.request import DATA
+from tactibench.plugins import EncoderSpec, ModelSpec, Parameter, PluginHost, SensorSpec
+from tactibench.protocols import LoadedProtocol
+from tactibench.records import Component, Record, canonical
+from tactibench.run import DATA
 
 TEXT = re.compile(r"(?!.*\.\.)[A-Za-z0-9_. -]{0,80}")
 """Form of the text of a parameter without choices: a name, which is not a path."""

@@ -39,11 +39,16 @@ from tactibench.board.rows import Row, trained_on
 from tactibench.board.shipped import deterministic_models
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.protocols.board_spec import Ranking, board_spec
-from tactibench.protocols.loader import protocol_files
-from tactibench.stats.crossed import adjust_pairs, crossed_interval, crossed_p_values
-from tactibench.stats.intervals import t_quantile
-from tactibench.stats.paired import grouped, holm
+from tactibench.protocols import Ranking, protocol_files
+from tactibench.protocols.board_spec import board_spec
+from tactibench.stats import (
+    adjust_pairs,
+    crossed_interval,
+    crossed_p_values,
+    grouped,
+    holm,
+    t_quantile,
+)
 
 Pairs = tuple[list[int], list[int], npt.NDArray[np.intp], npt.NDArray[np.intp]]
 

@@ -16,11 +16,8 @@ from pydantic import BaseModel
 
 from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
-from tactibench.records.identity import canonical
-from tactibench.records.record import Record
-from tactibench.records.store import CHECKSUM, PARTS, with_checksum
-from tactibench.run.machine import fingerprint_hash
-from tactibench.run.plan import name_stem
+from tactibench.records import CHECKSUM, PARTS, Record, canonical, with_checksum
+from tactibench.run import fingerprint_hash, name_stem
 
 SHA256 = re.compile(r"[0-9a-f]{64}")
 FORMS: Mapping[str, re.Pattern[str]] = {

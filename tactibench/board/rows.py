@@ -14,9 +14,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tactibench.board.shipped import one_contact_models
-from tactibench.metrics.location import AXES
-from tactibench.records.record import Record
-from tactibench.run.request import SHOTS
+from tactibench.metrics import AXES
+from tactibench.records import Record
+from tactibench.run import SHOTS
 
 MIXING = "mixing"
 """Parameter of models that can train on frames mixed out of single presses: how many they mix."""

@@ -10,10 +10,8 @@ from tactibench.board.grouping import rows_of, section_key, trained_for
 from tactibench.board.rows import Row, trained_on
 from tactibench.board.submissions import records_of, slot
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.identity import canonical, digest
-from tactibench.records.record import Record, SensorId
-from tactibench.records.store import stored_runs
+from tactibench.protocols import load_protocol
+from tactibench.records import Record, SensorId, canonical, digest, stored_runs
 
 NOMINAL, TESTED, OTHER, PERTURBED, FINITE_ELEMENTS = range(5)
 KINDS = {

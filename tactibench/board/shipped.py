@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from tactibench.plugins.discovery import installed
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost, installed
 
 OURS = "tactibench"
 """The distribution whose plugins are trusted."""

@@ -28,17 +28,27 @@ from tactibench.board.predictions import (
 )
 from tactibench.board.rows import label_of
 from tactibench.errors import UserError
-from tactibench.protocols.loader import (
+from tactibench.protocols import (
     LoadedProtocol,
     protocol_files,
     protocol_versions,
     unknown_protocol,
     version_of,
 )
-from tactibench.records.files import atomic, parse_json, read_json, write_arrays
-from tactibench.records.identity import digest
-from tactibench.records.record import Component, Record, parse_record
-from tactibench.records.store import CHECKSUM, StoredRun, refuse_changed, with_checksum
+from tactibench.records import (
+    CHECKSUM,
+    Component,
+    Record,
+    StoredRun,
+    atomic,
+    digest,
+    parse_json,
+    parse_record,
+    read_json,
+    refuse_changed,
+    with_checksum,
+    write_arrays,
+)
 
 FOLDER = "submissions"
 LISTS = ("metrics", "speed")

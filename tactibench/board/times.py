@@ -16,27 +16,49 @@ from typing import Any
 from tactibench.board.submissions import FOLDER, add
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.frames.source import spread
-from tactibench.plugins.base import Stage
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import name_of, version_of
-from tactibench.records.answers import unpack_contacts, unpack_plates
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.record import Record, SpeedRow, Timed
-from tactibench.records.store import PARTS, StoredRun, write_run
-from tactibench.run.cached_weights import weights_folder
-from tactibench.run.configurations import ROUNDS, race_briefly
-from tactibench.run.difference import answers_of, compare, declared_stages
-from tactibench.run.evaluation import TestFrames
-from tactibench.run.latency import BATCHES, offline_block, time_in_rounds
-from tactibench.run.load import QUIET, Load
-from tactibench.run.machine import all_threads, environment_facts
-from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.predict import blinded
-from tactibench.run.reporter import Reporter
-from tactibench.run.request import HIDDEN, RunRequest, read_test_options
-from tactibench.run.threads import limited_threads
-from tactibench.run.timing import BUDGET_S, CALLS, OFFLINE_CALLS, TIMED_FRAMES, Speed
+from tactibench.frames import spread
+from tactibench.plugins import PluginHost, Stage
+from tactibench.protocols import name_of, version_of
+from tactibench.records import (
+    PARTS,
+    BoundSpec,
+    Record,
+    SpeedRow,
+    StoredRun,
+    Timed,
+    unpack_contacts,
+    unpack_plates,
+    write_run,
+)
+from tactibench.run import (
+    BATCHES,
+    BUDGET_S,
+    CALLS,
+    HIDDEN,
+    OFFLINE_CALLS,
+    QUIET,
+    ROUNDS,
+    TIMED_FRAMES,
+    Load,
+    Reporter,
+    RunPlan,
+    RunRequest,
+    Speed,
+    TestFrames,
+    all_threads,
+    answers_of,
+    blinded,
+    compare,
+    declared_stages,
+    environment_facts,
+    limited_threads,
+    make_plan,
+    offline_block,
+    race_briefly,
+    read_test_options,
+    time_in_rounds,
+    weights_folder,
+)
 
 
 @dataclass(frozen=True)

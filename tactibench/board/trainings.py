@@ -15,10 +15,8 @@ from typing import Any
 from tactibench.board.grouping import training_sensor
 from tactibench.board.rows import label_of, trained_on
 from tactibench.board.shipped import deterministic_models
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.schema import Protocol
-from tactibench.records.identity import canonical
-from tactibench.records.record import Record
+from tactibench.protocols import LoadedProtocol, Protocol
+from tactibench.records import Record, canonical
 
 
 @dataclass(frozen=True)

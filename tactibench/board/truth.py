@@ -18,28 +18,32 @@ import numpy as np
 from tactibench.board.derivation import Derived, derive, read_facts
 from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
-from tactibench.frames.drawn_presses import DrawnFrames
-from tactibench.frames.factory import frame_source
-from tactibench.frames.presses import true_answers
-from tactibench.frames.source import FrameRequest, FrameSet, FrameSource
-from tactibench.frames.transfer import TransferFrames
-from tactibench.frames.two_point_limit import sampled_limits
+from tactibench.frames import (
+    DrawnFrames,
+    FrameRequest,
+    FrameSet,
+    FrameSource,
+    TransferFrames,
+    frame_source,
+    sampled_limits,
+    true_answers,
+)
 from tactibench.geometry import true_contacts
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.hidden_seed import HiddenSeed
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.schema import Protocol
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.identity import digest
-from tactibench.records.record import Record
-from tactibench.records.store import Arrays
-from tactibench.run.evaluation import truth_arrays
-from tactibench.run.few_shot import count_groups, repeat
-from tactibench.run.published_predictions import find_published, published_arrays
-from tactibench.run.request import HIDDEN, TestOptions, read_test_options
-from tactibench.run.score import LIMIT
-from tactibench.run.test_sensor import resolve_test_sensor
+from tactibench.plugins import PluginHost, SensorSpec
+from tactibench.protocols import HiddenSeed, LoadedProtocol, Protocol
+from tactibench.records import Arrays, BoundSpec, Record, digest
+from tactibench.run import (
+    HIDDEN,
+    LIMIT,
+    TestOptions,
+    count_groups,
+    find_published,
+    published_arrays,
+    read_test_options,
+    repeat,
+    resolve_test_sensor,
+    truth_arrays,
+)
 
 T = TypeVar("T")
 

@@ -39,19 +39,16 @@ from tactibench.board.submissions import (
 from tactibench.board.truth import Source, labelled_counts, make_test_set
 from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.plugins.alarm import alarm
-from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.hidden_seed import recorded_seed
-from tactibench.protocols.loader import (
+from tactibench.protocols import (
     LoadedProtocol,
     protocol_files,
     protocol_versions,
+    recorded_seed,
     version_of,
 )
-from tactibench.records.files import arrays_hash
-from tactibench.records.record import Metric, Record, make_signature, parse_record
-from tactibench.run.hard_cases import failures_record
-from tactibench.run.request import HIDDEN
-from tactibench.run.score import LIMIT, score_arrays
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Metric, Record, arrays_hash, make_signature, parse_record
+from tactibench.run import HIDDEN, LIMIT, failures_record, score_arrays
 
 TOLERANCE = 1e-6
 """Relative tolerance; another processor or version of numpy sums in another order."""

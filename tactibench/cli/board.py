@@ -15,8 +15,8 @@ from tactibench.cli.text import echo
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from tactibench.records.store import StoredRun
-    from tactibench.report.board_page import PageFile
+    from tactibench.records import StoredRun
+    from tactibench.report import PageFile
 
 
 @click.group(invoke_without_command=True)
@@ -48,11 +48,10 @@ def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
 @board_option
 def show(protocol: str, board_folder: Path) -> None:
     """Print the ranked rows of PROTOCOL, a table a sensor; the pages hold the other tables."""
-    from tactibench.board.submissions import check_folder
+    from tactibench.board import check_folder
     from tactibench.cli.output import Terminal
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.report.board_export import first_tables
-    from tactibench.report.writers.terminal import print_table
+    from tactibench.protocols import load_protocol
+    from tactibench.report import first_tables, print_table
 
     check_folder(board_folder)
     loaded = load_protocol(protocol)
@@ -85,10 +84,8 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
     Nothing is written. Exit code 1 when a page is out of date, or when rows of one name (model,
     parameters, regime, encoder, sensor, seed) have several trainings.
     """
-    from tactibench.board.submissions import check_folder
-    from tactibench.board.trainings import compare_trainings
-    from tactibench.report.board_page import page_files
-    from tactibench.report.run_summary import board_words
+    from tactibench.board import check_folder, compare_trainings
+    from tactibench.report import board_words, page_files
 
     check_folder(board_folder)
     pages = page_files(board_folder)
@@ -121,7 +118,7 @@ def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
     A newer record of the same row and seed replaces the older one. Partial runs are refused; a
     pattern passes them over.
     """
-    from tactibench.board.submissions import add, check_folder
+    from tactibench.board import add, check_folder
 
     check_folder(board_folder)
     for run in _complete_runs(store, names):
@@ -141,9 +138,8 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     Two files under submissions/PROTOCOL: NAME.json and NAME.npz. `board add` does the same and
     writes the pages again.
     """
-    from tactibench.board.predictions import answers_file
-    from tactibench.board.submissions import add, check_folder
-    from tactibench.records.store import open_run
+    from tactibench.board import add, answers_file, check_folder
+    from tactibench.records import open_run
 
     check_folder(board_folder)
     added = add(open_run(store, name), board_folder)
@@ -179,14 +175,12 @@ def verify(
     when a file is refused. Hidden presses are drawn from the revealed seed, or from that in
     TACTIBENCH_HIDDEN_SEED.
     """
-    from tactibench.board.shipped import trusted_host
-    from tactibench.board.truth import Source
-    from tactibench.board.verification import metric_rows
-    from tactibench.board.verification import verify as check
+    from tactibench.board import Source, metric_rows, trusted_host
+    from tactibench.board import verify as check
     from tactibench.cli.output import Terminal
-    from tactibench.records.cache import cache_folder
-    from tactibench.report.verify_report import print_verdict
-    from tactibench.run.request import data_folder
+    from tactibench.records import cache_folder
+    from tactibench.report import print_verdict
+    from tactibench.run import data_folder
 
     source = Source(trusted_host(), cache_folder(), data_folder(data))
     terminal = Terminal()
@@ -221,9 +215,9 @@ def export(
     board_folder: Path, json_file: Path | None, csv_file: Path | None, latex_file: Path | None
 ) -> None:
     """Write the figures of all boards as JSON, CSV or LaTeX files."""
-    from tactibench.board.submissions import check_folder
-    from tactibench.records.files import atomic
-    from tactibench.report.board_export import board_csv, board_latex, tidy_rows
+    from tactibench.board import check_folder
+    from tactibench.records import atomic
+    from tactibench.report import board_csv, board_latex, tidy_rows
 
     if json_file is csv_file is latex_file is None:
         raise UserError("nothing to write; name a file with --json, --csv or --latex.")
@@ -281,7 +275,7 @@ def time_board(
     machine on which others compute is refused. Runs that cannot be timed are named with the reason.
     """
     from tactibench.cli.board_time import time_runs
-    from tactibench.protocols.loader import load_protocol
+    from tactibench.protocols import load_protocol
 
     asked = load_protocol(protocol)
     runs = [
@@ -322,9 +316,8 @@ def hidden(protocol: str, reveal: bool, board_folder: Path) -> None:
     tactibench run exp1 --model unet --hidden-seed
     tactibench board hidden exp1 --reveal
     """
-    from tactibench.protocols.hidden_seed import commitment_file, commitment_text, given_seed
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.records.files import atomic
+    from tactibench.protocols import commitment_file, commitment_text, given_seed, load_protocol
+    from tactibench.records import atomic
 
     loaded = load_protocol(protocol)
     if loaded.spec.split is None:
@@ -351,8 +344,8 @@ def hidden(protocol: str, reveal: bool, board_folder: Path) -> None:
 
 
 def _write_pages(board_folder: Path) -> None:
-    from tactibench.board.submissions import check_folder
-    from tactibench.report.board_page import page_files
+    from tactibench.board import check_folder
+    from tactibench.report import page_files
 
     check_folder(board_folder)
     pages = page_files(board_folder)
@@ -377,7 +370,7 @@ def _echo_replaced(paths: tuple[Path, ...]) -> None:
 
 def _complete_runs(store: Path, names: tuple[str, ...]) -> list[StoredRun]:
     """Return runs by name or pattern, the oldest first. Raises UserError."""
-    from tactibench.records.store import open_run, run_names
+    from tactibench.records import open_run, run_names
 
     runs: dict[Path, StoredRun] = {}
     for name in names:

@@ -5,21 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tactibench.board.times import (
-    Timekeeper,
-    commit_times,
-    refuse_noise,
-    store_times,
-    time_models,
-)
+from tactibench.board import Timekeeper, commit_times, refuse_noise, store_times, time_models
 from tactibench.cli.output import Terminal
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.records.cache import cache_folder
-from tactibench.records.store import StoredRun
-from tactibench.report.time_report import print_times
-from tactibench.run import load
-from tactibench.run.request import data_folder
+from tactibench.plugins import PluginHost
+from tactibench.records import StoredRun, cache_folder
+from tactibench.report import print_times
+from tactibench.run import data_folder, load
 
 
 def time_runs(

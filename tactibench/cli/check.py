@@ -10,10 +10,10 @@ import click
 from tactibench.cli.options import json_option, param_option, save_json
 from tactibench.cli.text import echo
 from tactibench.errors import UserError, did_you_mean
-from tactibench.plugins.specs import KINDS
+from tactibench.plugins import KINDS
 
 if TYPE_CHECKING:
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
     from tactibench.testing import Finding, Report
 
 
@@ -52,8 +52,8 @@ def check(
     One line a property: what it asserts and, where it does not hold, what was found. Models are
     trained on 40 frames. Exit code 1 when a property fails, or when nothing ran.
     """
-    from tactibench.plugins.host import PluginHost
-    from tactibench.run.request import read_parameters
+    from tactibench.plugins import PluginHost
+    from tactibench.run import read_parameters
     from tactibench.testing import (
         check_names,
         expected_failures,

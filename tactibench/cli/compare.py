@@ -26,7 +26,7 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     """
     from tactibench import api
     from tactibench.cli.output import Terminal
-    from tactibench.report.compare_report import print_comparisons
+    from tactibench.report import print_comparisons
 
     compared = api.compare(*names, distances=distances, store=store)
     print_comparisons(Terminal().out, compared.runs, compared.pairs)

@@ -26,7 +26,7 @@ class Name(click.types.StringParamType):
 
 def _plugins(kind: str) -> Names:
     def names(_ctx: click.Context) -> Iterable[str]:
-        from tactibench.plugins.host import PluginHost
+        from tactibench.plugins import PluginHost
 
         return sorted(getattr(PluginHost(), kind).specs)
 
@@ -34,13 +34,13 @@ def _plugins(kind: str) -> Names:
 
 
 def _protocols(_ctx: click.Context) -> Iterable[str]:
-    from tactibench.protocols.loader import protocol_files
+    from tactibench.protocols import protocol_files
 
     return sorted(protocol_files())
 
 
 def _runs(ctx: click.Context) -> Iterable[str]:
-    from tactibench.records.store import run_names
+    from tactibench.records import run_names
 
     store = Path(ctx.params.get("store") or "runs")
     return sorted(run_names(store)) if store.is_dir() else ()

@@ -106,8 +106,8 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     """
     from tactibench.cli.output import Terminal
     from tactibench.datasets import ImportOptions, fit_recording, open_recording, presses_to_fit
-    from tactibench.report.table import Column, Head, table
-    from tactibench.report.writers.terminal import print_table
+    from tactibench.report import Column, Head, print_table
+    from tactibench.report.table import table
 
     terminal = Terminal()
     recording = open_recording(folder)
@@ -183,10 +183,9 @@ def generate(
     tactibench data generate --plan presses.jsonl --out data/grid
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import is_dataset
-    from tactibench.datasets.generation import GenerationRequest, is_complete, sensor_parameters
-    from tactibench.datasets.generation import generate as write
-    from tactibench.run.request import read_parameters
+    from tactibench.datasets import GenerationRequest, is_complete, is_dataset, sensor_parameters
+    from tactibench.datasets import generate as write
+    from tactibench.run import read_parameters
 
     parameters = sensor_parameters(read_parameters(params))
     request = GenerationRequest(protocol, plan, sensor, parameters, count, seed)

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import ImportOptions, LabelReport, Recording
-    from tactibench.datasets.description import LabelSummary, PinSummary
-    from tactibench.frames.services import Service
+    from tactibench.datasets import ImportOptions, LabelReport, LabelSummary, PinSummary, Recording
+    from tactibench.frames import Service
 
 SHEET_ROWS, SHEET_COLUMNS = 6, 8
 SHEET_INCHES = (10.2, 9.4)
@@ -38,11 +37,13 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     tactibench data info recordings/331 --sheet frames.png
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import ChannelKind, open_recording, read_options
-    from tactibench.datasets.description import (
+    from tactibench.datasets import (
+        ChannelKind,
         channel_ranges,
         describe_poses,
         label_values,
+        open_recording,
+        read_options,
         summarize_labels,
         summarize_pins,
     )
@@ -81,8 +82,8 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
 
 
 def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:
+    from tactibench.report import print_table
     from tactibench.report.table import table
-    from tactibench.report.writers.terminal import print_table
 
     presses = len(set(recording.presses))
     rest = "none"
@@ -111,9 +112,8 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
 
 
 def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
-    from tactibench.report.numbers import fixed
-    from tactibench.report.table import Cell, Column, Head, Number, table
-    from tactibench.report.writers.terminal import print_table
+    from tactibench.report import Cell, Column, Head, Number, fixed, print_table
+    from tactibench.report.table import table
 
     changing = [label for label in labels if not label.constant]
     terminal.say("")
@@ -239,13 +239,8 @@ def draw_sheet(path: Path, recording: Recording) -> None:
 
     From top to bottom the first label grows, along a row the second.
     """
-    from tactibench.datasets.description import (
-        changing_labels,
-        label_values,
-        spread_rows,
-        unit_of,
-    )
-    from tactibench.report.plots.style import headline, new_figure, save_png
+    from tactibench.datasets import changing_labels, label_values, spread_rows, unit_of
+    from tactibench.report import headline, new_figure, save_png
 
     labels = changing_labels(label_values(recording))
     rows = spread_rows(
@@ -272,7 +267,7 @@ def draw_sheet(path: Path, recording: Recording) -> None:
 
 def _caption(recording: Recording, labels: Mapping[str, npt.NDArray[np.float64]], row: int) -> str:
     """Return two short lines: the labels that are shown, and the frame's name."""
-    from tactibench.datasets.description import unit_of
+    from tactibench.datasets import unit_of
 
     name = Path(recording.names[row]).name
     name = name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"

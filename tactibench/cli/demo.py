@@ -18,10 +18,9 @@ from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
-    from tactibench.live.press import PressSession, Subject
-    from tactibench.plugins.base import Sensor
-    from tactibench.plugins.host import PluginHost
-    from tactibench.run.plan import RunPlan
+    from tactibench.live import PressSession, Subject
+    from tactibench.plugins import PluginHost, Sensor
+    from tactibench.run import RunPlan
 
 MOST_MODELS = 2
 """Two stand side by side on a laptop's screen; more are what boards are for."""
@@ -62,7 +61,7 @@ def demo(
         raise UserError(f"{len(models)} models are named; the page shows {MOST_MODELS} at most.")
     from tactibench.cli.output import Terminal
     from tactibench.live import PressPage
-    from tactibench.report.plots.style import model_look
+    from tactibench.report import model_look
 
     terminal = Terminal()
     given = models or (DEFAULT,)
@@ -102,11 +101,10 @@ def demo(
 
 def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str, ...]) -> RunPlan:
     """Return the plan behind a model's weights. Raises UserError for a sensor without a press."""
-    from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.records.cache import cache_folder
-    from tactibench.run.components import resolve_components
-    from tactibench.run.plan import make_plan
+    from tactibench.plugins import PluginHost
+    from tactibench.protocols import load_protocol
+    from tactibench.records import cache_folder
+    from tactibench.run import make_plan, resolve_components
 
     host = PluginHost()
     request = request_of(protocol, model, _own_options(model, options, models, host))
@@ -150,18 +148,16 @@ def _own_options(
 
 def _model_name(text: str) -> str:
     """Return the name of a model, given by name or by a weights file."""
-    from tactibench.run.weights_file import SUFFIX, read_weights
+    from tactibench.run import SUFFIX, read_weights
 
     return read_weights(Path(text)).description.model.name if text.endswith(SUFFIX) else text
 
 
 def _subject(plan: RunPlan, text: str, terminal: Terminal, *, train: bool) -> Subject:
     """Return a model with its weights. Raises UserError where they would have to be trained."""
-    from tactibench.live.press import Subject
-    from tactibench.plugins.host import PluginHost
-    from tactibench.run.plan import no_weights
-    from tactibench.run.train import train_model
-    from tactibench.run.weights_file import SUFFIX, open_weights
+    from tactibench.live import Subject
+    from tactibench.plugins import PluginHost
+    from tactibench.run import SUFFIX, no_weights, open_weights, train_model
 
     label = plan.components.model.label
     if text.endswith(SUFFIX):
@@ -182,8 +178,8 @@ def _subject(plan: RunPlan, text: str, terminal: Terminal, *, train: bool) -> Su
 def _session(plan: RunPlan, subjects: list[Subject]) -> PressSession:
     import numpy as np
 
-    from tactibench.live.press import PressSession
-    from tactibench.plugins.base import SensorContext
+    from tactibench.live import PressSession
+    from tactibench.plugins import SensorContext
 
     sensor = plan.components.sensor
     spec = plan.frames.on_range(plan.spec)

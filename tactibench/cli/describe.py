@@ -10,16 +10,15 @@ from tactibench.cli.text import echo
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
-    from tactibench.protocols.families import Axis
-    from tactibench.protocols.schema import Draw
+    from tactibench.protocols import Axis, Draw
 
 
 @click.command()
 @click.argument("name")
 def describe(name: str) -> None:
     """Show the details of a model, sensor, encoder or protocol called NAME."""
-    from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.loader import archived_files, protocol_files
+    from tactibench.plugins import PluginHost
+    from tactibench.protocols import archived_files, protocol_files
 
     host = PluginHost()
     files = protocol_files() | archived_files()
@@ -80,7 +79,7 @@ def _range(parameter: Any) -> str:
 
 
 def _show_protocol(name: str) -> None:
-    from tactibench.protocols.loader import load_protocol, protocol_versions
+    from tactibench.protocols import load_protocol, protocol_versions
 
     protocol = load_protocol(name)
     spec = protocol.spec

@@ -14,7 +14,7 @@ from tactibench.cli.text import echo
 from tactibench.errors import UserError, is_full
 
 if TYPE_CHECKING:
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
 
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "opencv-contrib-python-headless")
 
@@ -44,7 +44,7 @@ def doctor(ctx: click.Context, data: Path | None) -> None:
 
 
 def _check_all(data: Path | None) -> Iterator[Line]:
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
 
     host = PluginHost()
     yield from _check_machine()
@@ -58,7 +58,7 @@ def _check_all(data: Path | None) -> Iterator[Line]:
 
 
 def _check_machine() -> Iterator[Line]:
-    from tactibench.run.machine import fingerprint, fingerprint_hash
+    from tactibench.run import fingerprint, fingerprint_hash
 
     try:
         facts = fingerprint(with_torch=True)
@@ -80,7 +80,7 @@ def _check_packages() -> Iterator[Line]:
 
 
 def _check_cache() -> Line:
-    from tactibench.records.cache import VARIABLE, cache_folder
+    from tactibench.records import VARIABLE, cache_folder
 
     folder = cache_folder()
     probe = folder / ".probe"
@@ -127,7 +127,7 @@ def _check_targets(host: PluginHost) -> Iterator[Line]:
 
 
 def _check_protocols() -> Iterator[Line]:
-    from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.protocols import protocol_files, read_protocol
 
     for path in protocol_files().values():
         try:
@@ -139,7 +139,7 @@ def _check_protocols() -> Iterator[Line]:
 def _check_folder(data: Path, host: PluginHost) -> Line:
     import numpy as np
 
-    from tactibench.plugins.base import SensorContext
+    from tactibench.plugins import SensorContext
 
     try:
         sensor = host.sensors["recorded"].load()(SensorContext(np.random.SeedSequence(0), data))

@@ -19,7 +19,7 @@ def sentence(error: BaseException) -> str | None:
     elif isinstance(error, UserError):
         text = str(error)
     else:
-        from tactibench.plugins.failures import describe_failure
+        from tactibench.plugins import describe_failure
 
         return describe_failure(error)
     text = printable(" ".join(text.split()))
@@ -36,7 +36,7 @@ def _about_files(error: OSError) -> str:
             f"the disk is full{where}; free some space, or put the store elsewhere with --store "
             "and the cache with TACTIBENCH_CACHE, then run the same command again."
         )
-    from tactibench.plugins.failures import Owners
+    from tactibench.plugins import Owners
 
     what = error.strerror or str(error) or type(error).__name__
     at = Owners().place_of_error(error)

@@ -11,9 +11,9 @@ from tactibench.cli.options import board_option, json_option, save_json, store_o
 from tactibench.cli.text import echo
 
 if TYPE_CHECKING:
-    from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.published import PublishedTable
-    from tactibench.run.cached_weights import CachedWeights
+    from tactibench.plugins import PluginHost
+    from tactibench.protocols import PublishedTable
+    from tactibench.run import CachedWeights
 
 PLUGINS = ("models", "sensors", "encoders", "protocols")
 KINDS = (*PLUGINS, "runs", "weights", "published")
@@ -46,7 +46,7 @@ def listing(kind: str | None, json_file: Path | None, store: Path, board_folder:
 
 def _list_plugins(kinds: tuple[str, ...]) -> dict[str, list[Row]]:
     """Print names and summaries without importing what stands behind them."""
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
 
     host = PluginHost()
     rows = {kind: _plugin_rows(host, kind) for kind in kinds}
@@ -64,7 +64,7 @@ def _list_plugins(kinds: tuple[str, ...]) -> dict[str, list[Row]]:
 
 def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
     if kind == "protocols":
-        from tactibench.protocols.loader import protocol_titles
+        from tactibench.protocols import protocol_titles
 
         return [
             {"name": name, "summary": title, "version": str(version)}
@@ -83,7 +83,7 @@ def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
 
 
 def _list_runs(store: Path) -> list[Row]:
-    from tactibench.records.store import stored_runs
+    from tactibench.records import stored_runs
 
     rows: list[Row] = []
     for run in stored_runs(store):
@@ -104,9 +104,9 @@ def _list_runs(store: Path) -> list[Row]:
 
 
 def _list_weights() -> list[Row]:
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.report.numbers import duration, number
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.report import duration, number
     from tactibench.run.cached_weights import cached_weights
 
     folder = cache_folder()
@@ -180,7 +180,7 @@ def _list_published(board_folder: Path) -> list[Row]:
 
 
 def _published_tables(board_folder: Path) -> list[PublishedTable]:
-    from tactibench.protocols.published import load_published, published_names
+    from tactibench.protocols import load_published, published_names
     from tactibench.shipped import shipped_folder
 
     own = board_folder / "published"

@@ -25,10 +25,10 @@ from tactibench.errors import (
     is_interruption,
     printable,
 )
-from tactibench.plugins.exits import forbid_exit
+from tactibench.plugins import forbid_exit
 
 if TYPE_CHECKING:
-    from tactibench.plugins.specs import CommandSpec
+    from tactibench.plugins import CommandSpec
 
 VERBS = {
     "board": ("tactibench.cli.board:board", "make the leaderboards; add, submit and verify rows"),
@@ -119,7 +119,7 @@ class Verbs(click.Group):
 
 
 def _plugin_verbs() -> Mapping[str, CommandSpec]:
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
 
     return PluginHost().commands.specs
 
@@ -170,7 +170,7 @@ def _note_threads(code: int) -> None:
     left = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
     if not left:
         return
-    from tactibench.plugins.failures import describe_threads
+    from tactibench.plugins import describe_threads
 
     for sentence in describe_threads(left):
         echo(f"tactibench: {sentence}", err=True)

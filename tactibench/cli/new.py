@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tactibench.cli.text import echo
-from tactibench.plugins.specs import KINDS
+from tactibench.plugins import KINDS
 
 LIBRARIES = ("numpy", "torch", "sklearn")
 EXAMPLES = {
@@ -40,8 +40,8 @@ def new(kind: str, name: str, out: Path, library: str, channels: bool) -> None:
 
     The folder is called tactibench-NAME. Nothing that is there already is changed.
     """
-    from tactibench.plugins.host import PluginHost
-    from tactibench.scaffold.package import check_name, write_package
+    from tactibench.plugins import PluginHost
+    from tactibench.scaffold import check_name, write_package
 
     if channels and kind != "sensor":
         raise click.UsageError(f"--channels is for a sensor, not for {kind!r}; leave it out.")

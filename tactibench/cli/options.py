@@ -11,7 +11,7 @@ import click
 from tactibench.cli.completion import ENCODER, SENSOR
 
 if TYPE_CHECKING:
-    from tactibench.run.request import RunRequest
+    from tactibench.run import RunRequest
 
 Verb = Callable[..., Any]
 
@@ -75,7 +75,7 @@ picture_option = picture_file("--out", "Draw the picture.")
 def save_json(path: Path | None, values: Any) -> None:
     """Write values as JSON where ``--json`` names a file."""
     if path is not None:
-        from tactibench.records.files import write_json
+        from tactibench.records import write_json
 
         write_json(path, values)
 
@@ -124,7 +124,7 @@ def request_of(protocol: str, model: str, options: Mapping[str, Any], **more: An
 
     Raises UserError for a ``--param`` that is not understood.
     """
-    from tactibench.run.request import RunRequest, read_parameters
+    from tactibench.run import RunRequest, read_parameters
 
     fields = dict(options)
     return RunRequest(

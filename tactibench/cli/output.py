@@ -11,11 +11,10 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
 from tactibench.errors import printable
-from tactibench.plugins.base import Progress
-from tactibench.protocols.families import Axis
-from tactibench.records.record import Record
-from tactibench.records.store import RECORD, StoredRun, stored_runs
-from tactibench.report.progress import progress_on
+from tactibench.plugins import Progress
+from tactibench.protocols import Axis
+from tactibench.records import RECORD, Record, StoredRun, stored_runs
+from tactibench.report import progress_on
 
 
 class PlainConsole(Console):
@@ -67,9 +66,8 @@ def show_run(
         board: Folder of the leaderboards, for the place of the run.
         full: Print all tables, published rows and other runs of the store.
     """
-    from tactibench.board.placement import place_run
-    from tactibench.report.plots.run_pictures import update_pictures
-    from tactibench.report.run_summary import place_line, print_glossary, print_summary
+    from tactibench.board import place_run
+    from tactibench.report import place_line, print_glossary, print_summary, update_pictures
 
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
     pictures = update_pictures(run, others)
@@ -85,9 +83,8 @@ def show_run(
 
 
 def _print_all(terminal: Terminal, run: StoredRun, others: list[Record]) -> None:
-    from tactibench.protocols.loader import version_of
-    from tactibench.protocols.published import PublishedTable, published_for
-    from tactibench.report.run_report import print_run
+    from tactibench.protocols import PublishedTable, published_for, version_of
+    from tactibench.report import print_run
     from tactibench.shipped import shipped_folder
 
     record = run.record

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from tactibench import api
     from tactibench.cli.output import Terminal
-    from tactibench.protocols.families import Axis
+    from tactibench.protocols import Axis
 
 
 @click.group()
@@ -157,13 +157,13 @@ def stability(
     )
     detail = None if errors is None else result.detail  # refused before anything is printed
     terminal = _show(result, out, json_file)
-    from tactibench.report.plots.style import save_png
+    from tactibench.report import save_png
 
     if errors is not None and detail is not None:
         save_png(detail, errors)
         terminal.say(f"picture: {errors}")
     if cases is not None:
-        from tactibench.protocols.loader import load_protocol
+        from tactibench.protocols import load_protocol
 
         save_png(_case_frames(protocol, runs, load_protocol(protocol).spec.axes), cases)
         terminal.say(f"picture: {cases}")
@@ -171,8 +171,8 @@ def stability(
 
 def _case_frames(protocol: str, runs: Path | None, axes: Sequence[Axis]) -> Figure:
     """Draw the frames that the newest complete run has stored."""
-    from tactibench.records.store import stored_runs
-    from tactibench.report.plots.stability import case_frames_figure
+    from tactibench.records import stored_runs
+    from tactibench.report import case_frames_figure
 
     complete = [
         run
@@ -276,7 +276,7 @@ def limit(
 
 
 def _parameters(params: tuple[str, ...]) -> dict[str, str]:
-    from tactibench.run.request import read_parameters
+    from tactibench.run import read_parameters
 
     given = read_parameters(params)
     for kind in set(given) - {"sensor"}:
@@ -289,7 +289,7 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
     from rich.text import Text
 
     from tactibench.cli.output import Terminal
-    from tactibench.report.writers.terminal import print_table
+    from tactibench.report import print_table
 
     terminal, shown = Terminal(), made.data
     if shown.title:

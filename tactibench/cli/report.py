@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from tactibench.cli.options import board_option, output_file, store_option
 from tactibench.errors import UserError
-from tactibench.report.html import AUTO, BOARD, BOTH, ORIGINS, RUNS
+from tactibench.report import AUTO, BOARD, BOTH, ORIGINS, RUNS
 
 
 @click.command()
@@ -68,9 +68,8 @@ def report(
     tactibench report --site public
     """
     from tactibench.cli.output import Terminal
-    from tactibench.records.files import atomic
-    from tactibench.report.html.page import report_page, site_pages
-    from tactibench.report.html.report_data import gather
+    from tactibench.records import atomic
+    from tactibench.report import gather, report_page, site_pages
 
     named = ctx.get_parameter_source("store") is not ParameterSource.DEFAULT
     if site is not None and ctx.get_parameter_source("out") is not ParameterSource.DEFAULT:

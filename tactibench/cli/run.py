@@ -103,7 +103,7 @@ def run(
 
 def _show_training(trained: api.Training, terminal: Terminal, json_file: Path | None) -> None:
     """Say how a model was trained, and where its weights are."""
-    from tactibench.report.numbers import duration
+    from tactibench.report import duration
 
     how = "found in the cache, trained" if trained.reused else "trained"
     terminal.say(

@@ -11,8 +11,7 @@ from tactibench.cli.options import json_option, request_of, request_options, sav
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from tactibench.run.plan import RunPlan
-    from tactibench.run.reporter import Reporter
+    from tactibench.run import Reporter, RunPlan
 
 UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may take another time"
 
@@ -59,14 +58,18 @@ def speed(
     named: runs choose in the same way what they time.
     """
     from tactibench.cli.output import Terminal
-    from tactibench.frames.presses import true_answers
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.report.race_report import print_race
-    from tactibench.run.configurations import metric_rows, race, race_steps
-    from tactibench.run.machine import environment_facts
-    from tactibench.run.plan import make_plan
-    from tactibench.run.train import open_frames
+    from tactibench.frames import true_answers
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.report import print_race
+    from tactibench.run import (
+        environment_facts,
+        make_plan,
+        metric_rows,
+        open_frames,
+        race,
+        race_steps,
+    )
 
     if train and untrained:
         raise UserError("--train and --untrained exclude each other; leave one of them out.")
@@ -118,8 +121,7 @@ def speed(
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
     """Return the model with the weights that were asked for. Raises UserError without any."""
-    from tactibench.run.plan import no_weights
-    from tactibench.run.train import train_model
+    from tactibench.run import no_weights, train_model
 
     name = plan.components.model.name
     if untrained:

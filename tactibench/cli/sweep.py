@@ -61,14 +61,22 @@ def sweep(
     protocol = "exp2"
     """
     from tactibench.cli.output import Terminal
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.report.sweep_report import print_sweep
-    from tactibench.sweep.cluster import Storage, count_cores, local_cluster, remote_cluster
-    from tactibench.sweep.data_sets import list_data_sets
-    from tactibench.sweep.plan import plan_cells
-    from tactibench.sweep.run import CellResult, result_rows, run_sweep
-    from tactibench.sweep.spec import list_cells, read_sweep
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.report import print_sweep
+    from tactibench.sweep import (
+        CellResult,
+        Storage,
+        count_cores,
+        list_cells,
+        list_data_sets,
+        local_cluster,
+        plan_cells,
+        read_sweep,
+        remote_cluster,
+        result_rows,
+        run_sweep,
+    )
 
     if scheduler is not None and (workers or threads):
         raise UserError(

@@ -13,7 +13,7 @@ from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
-    from tactibench.run.plan import RunPlan
+    from tactibench.run import RunPlan
 
 CHECKED_FRAMES = 50
 """Test frames on which an ONNX file is compared with its model."""
@@ -63,10 +63,9 @@ def export(
     if out is None and onnx is None:
         raise UserError("nothing is to be written; name a file with --out, --onnx or both.")
     from tactibench.cli.output import Terminal
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.run.plan import make_plan
-    from tactibench.run.weights_file import export_weights
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.run import export_weights, make_plan
 
     request = request_of(protocol, model, options, presses=presses, limit=CHECKED_FRAMES)
     plan = make_plan(request, PluginHost(), cache_folder())
@@ -87,8 +86,8 @@ def take(file: Path, sha256: str | None) -> None:
     Every hash is compared. A run with imported weights says so in its record.
     """
     from tactibench.cli.output import Terminal
-    from tactibench.records.cache import cache_folder
-    from tactibench.run.weights_file import import_weights, read_weights
+    from tactibench.records import cache_folder
+    from tactibench.run import import_weights, read_weights
 
     read = read_weights(file, sha256=sha256)
     folder, there = import_weights(read, cache_folder())
@@ -99,10 +98,8 @@ def take(file: Path, sha256: str | None) -> None:
 
 
 def _export_onnx(plan: RunPlan, path: Path, terminal: Terminal) -> None:
-    from tactibench.report.numbers import number
-    from tactibench.run.onnx_file import export_onnx
-    from tactibench.run.plan import no_weights
-    from tactibench.run.train import open_frames, train_model
+    from tactibench.report import number
+    from tactibench.run import export_onnx, no_weights, open_frames, train_model
 
     label = plan.components.model.label
     if not plan.weights.cached:

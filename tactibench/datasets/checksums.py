@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tactibench.datasets.schema import EVENTS, HEADER, SPLITS
 from tactibench.errors import UserError
-from tactibench.records.files import file_hash, read_checked_json, write_checked_json
+from tactibench.records import file_hash, read_checked_json, write_checked_json
 
 CHECKSUMS = "checksums.json"
 

@@ -17,13 +17,9 @@ from tactibench.datasets.schema import Draft, Header, is_dataset, read_header
 from tactibench.datasets.writer import Writer
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.parameter import Value
-from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.split import CHUNK
-from tactibench.records.identity import code_hash, digest, installed_versions
+from tactibench.plugins import PluginHost, Sensor, SensorContext, SensorSpec, Value
+from tactibench.protocols import CHUNK, load_protocol
+from tactibench.records import code_hash, digest, installed_versions
 
 DEFAULT_SENSOR = "tactip-127"
 """Sensor of a request that names neither a sensor nor a protocol."""

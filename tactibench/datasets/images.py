@@ -28,9 +28,7 @@ from tactibench.datasets.storage import make_folder, sync_file, sync_folder
 from tactibench.errors import UserError
 from tactibench.images import gray, resized
 from tactibench.png import ImageKind, check_png, decode_png, encode_png, read_file
-from tactibench.records.cache import cache_folder
-from tactibench.records.files import file_hash, locked, read_json, write_json
-from tactibench.records.identity import digest
+from tactibench.records import cache_folder, digest, file_hash, locked, read_json, write_json
 
 Image = npt.NDArray[np.uint8]
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from tactibench.datasets.rows import parse_object, read_row
 from tactibench.datasets.schema import CACHE, JOURNAL, Sample
 from tactibench.errors import UserError
-from tactibench.records.files import read_checked_arrays, write_checked_arrays
+from tactibench.records import read_checked_arrays, write_checked_arrays
 
 INDEX = f"{CACHE}/index.npz"
 SHORTEST = 10_000

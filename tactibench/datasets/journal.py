@@ -37,7 +37,7 @@ from tactibench.datasets.schema import (
 )
 from tactibench.datasets.storage import make_folder
 from tactibench.errors import UserError
-from tactibench.records.files import file_hash
+from tactibench.records import file_hash
 
 Event = Mapping[str, Any]
 

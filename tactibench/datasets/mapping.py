@@ -28,7 +28,7 @@ from tactibench.datasets.readers.vectors import read_label_table
 from tactibench.datasets.tips import is_number, named, texts
 from tactibench.errors import UserError
 from tactibench.png import read_file
-from tactibench.records.files import atomic
+from tactibench.records import atomic
 
 _WORDS = {
     "x": (r"x", r"[cp]x|pos(ition)?x|x(c|pos)"),

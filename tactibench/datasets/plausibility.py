@@ -24,9 +24,14 @@ from tactibench.datasets.readers.options import PLATE, ImportOptions
 from tactibench.datasets.readers.recording import Recording
 from tactibench.datasets.spreads import middle_of_spread, spread_of
 from tactibench.errors import UserError
-from tactibench.records.cache import cache_folder
-from tactibench.records.files import read_checked_json, write_checked_json
-from tactibench.records.identity import code_hash, combined, digest
+from tactibench.records import (
+    cache_folder,
+    code_hash,
+    combined,
+    digest,
+    read_checked_json,
+    write_checked_json,
+)
 
 MOST = 200
 """Most presses that are checked: about a second with 331 pins."""

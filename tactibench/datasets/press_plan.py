@@ -13,10 +13,20 @@ from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError
 from tactibench.contacts import Scene
 from tactibench.datasets.rows import SceneKeys, read_plan, scene_keys
 from tactibench.errors import UserError
-from tactibench.protocols.draws import SensorShape, draw_scenes, pressable
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.protocols.schema import Draw, Protocol, Split
-from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
+from tactibench.protocols import (
+    FIT,
+    TEST,
+    VALIDATION,
+    WHOLE,
+    Draw,
+    Protocol,
+    SensorShape,
+    Split,
+    draw_scenes,
+    first_mistake,
+    pressable,
+    split_presses,
+)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from tactibench.datasets.channels import CHANNEL_FILE
 from tactibench.datasets.schema import Sample, Status, contacts_of, image_name
 from tactibench.errors import UserError
 from tactibench.png import read_file
-from tactibench.protocols.mistakes import first_mistake
+from tactibench.protocols import first_mistake
 
 POSE_KEYS = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
 MOVE_KEYS = ("dx_mm", "dy_mm", "dyaw_deg")

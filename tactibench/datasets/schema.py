@@ -29,8 +29,8 @@ from tactibench.datasets.channels import ChannelKind
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
 from tactibench.png import ImageKind
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.records.files import write_json
+from tactibench.protocols import first_mistake
+from tactibench.records import write_json
 
 HEADER = "dataset.json"
 PLAN = "plan.jsonl"

@@ -12,8 +12,8 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from tactibench.datasets.schema import SPLITS, Sample
 from tactibench.errors import UserError
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.records.files import read_json, write_json
+from tactibench.protocols import first_mistake
+from tactibench.records import read_json, write_json
 
 SUBSETS = ("train", "validation", "test")
 

@@ -16,7 +16,7 @@ from typing import Any
 from uuid import uuid4
 
 from tactibench.errors import UserError
-from tactibench.records.files import atomic
+from tactibench.records import atomic
 
 
 def sync_folder(folder: Path) -> None:

@@ -54,7 +54,7 @@ from tactibench.datasets.schema import (
 from tactibench.datasets.splits import Split, write_split
 from tactibench.datasets.storage import WriterLock, make_folder, sync_all, sync_folder
 from tactibench.errors import UserError
-from tactibench.records.files import atomic
+from tactibench.records import atomic
 
 PlanRow = Mapping[str, Any]
 """``id`` and anything else that the recorder needs to press the sample."""

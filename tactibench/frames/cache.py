@@ -20,10 +20,12 @@ import numpy.typing as npt
 from tactibench.contacts import Frame, Pose, Scene, Signal
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
-from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.protocols.split import CHUNK
-from tactibench.records.files import (
+from tactibench.plugins import Sensor, SensorContext
+from tactibench.protocols import CHUNK
+from tactibench.records import (
     atomic,
+    combined,
+    digest,
     file_hash,
     locked,
     read_checked_arrays,
@@ -31,7 +33,6 @@ from tactibench.records.files import (
     write_checked_arrays,
     write_checked_json,
 )
-from tactibench.records.identity import combined, digest
 
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")

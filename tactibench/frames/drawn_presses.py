@@ -25,19 +25,24 @@ from tactibench.frames.source import (
     sensor_identity,
     spread_over_sets,
 )
-from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.plugins.specs import INSTANCE, NOMINAL, SensorSpec
-from tactibench.protocols.draws import (
+from tactibench.plugins import INSTANCE, NOMINAL, Sensor, SensorContext, SensorSpec
+from tactibench.protocols import (
+    FIT,
     LABELLED_STREAM,
+    TEST,
+    VALIDATION,
+    WHOLE,
+    ApartTest,
+    Protocol,
     SceneSet,
+    Split,
     draw_labelled,
     draw_scenes,
     pressable,
+    split_presses,
+    subgroup,
 )
-from tactibench.protocols.families import subgroup
-from tactibench.protocols.schema import ApartTest, Protocol, Split
-from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
-from tactibench.records.bound_spec import BoundSpec
+from tactibench.records import BoundSpec
 
 Rows = dict[str, Sequence[int]]
 """Draw -> numbers of its presses."""

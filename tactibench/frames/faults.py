@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.images import gray
-from tactibench.markers.blobs import FAINTEST
+from tactibench.markers import FAINTEST
 
 Image = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]

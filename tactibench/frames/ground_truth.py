@@ -16,9 +16,8 @@ from tactibench.contacts import FloatArray, Grid, Scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import FrameSet
 from tactibench.frames.two_point_limit import sampled_limits
-from tactibench.plugins.base import Sensor
-from tactibench.records.files import read_checked_arrays, write_checked_arrays
-from tactibench.records.identity import digest
+from tactibench.plugins import Sensor
+from tactibench.records import digest, read_checked_arrays, write_checked_arrays
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -20,13 +20,9 @@ from tactibench.frames.faults import FAULTS
 from tactibench.frames.hard_scenes import case_scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, FrameSet, spread
-from tactibench.plugins.base import Sensor
-from tactibench.plugins.specs import IMAGE
-from tactibench.protocols.families import Family, case, untouched
-from tactibench.protocols.schema import Workspace
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.files import arrays_hash
-from tactibench.records.identity import combined, digest
+from tactibench.plugins import IMAGE, Sensor
+from tactibench.protocols import Family, Workspace, case, untouched
+from tactibench.records import BoundSpec, arrays_hash, combined, digest
 
 PART = 5
 """Number of the part, whose frames have noise of their own: not used by ``protocols.split`` or for

@@ -15,9 +15,7 @@ import numpy as np
 
 from tactibench.contacts import FloatArray, Indenter, Pose, Scene
 from tactibench.errors import UserError
-from tactibench.protocols.draws import PATIENCE
-from tactibench.protocols.families import Family
-from tactibench.protocols.schema import Workspace
+from tactibench.protocols import PATIENCE, Family, Workspace
 
 Tips = tuple[FloatArray, FloatArray]
 """(K, 2) axes and (K,) depths of the tips, mm."""

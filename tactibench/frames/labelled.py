@@ -8,7 +8,7 @@ import numpy as np
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.errors import UserError
-from tactibench.plugins.base import ModelContext
+from tactibench.plugins import ModelContext
 
 DEEPEST = 1.5
 """Depths up to this multiple of the deepest press are accepted: a tip may end a little deeper than

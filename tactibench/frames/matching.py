@@ -16,9 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.protocols.draws import SAME_MM, fits
-from tactibench.protocols.schema import Draw, Protocol, Split, Workspace
-from tactibench.protocols.split import permutation
+from tactibench.protocols import SAME_MM, Draw, Protocol, Split, Workspace, fits, permutation
 
 Rows = dict[str, list[int]]
 """Draw -> rows of the recording."""

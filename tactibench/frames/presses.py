@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactibench.contacts import Answer, Frame, Scene
 from tactibench.geometry import plate_pose, true_contacts
-from tactibench.protocols.schema import Protocol
+from tactibench.protocols import Protocol
 
 
 @dataclass(frozen=True)

@@ -28,15 +28,16 @@ from tactibench.frames.source import (
     spread,
     spread_over_sets,
 )
-from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.draws import pressable
-from tactibench.protocols.families import RECORDED
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.schema import Protocol
-from tactibench.protocols.split import PressSplit, split_recorded
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.identity import digest
+from tactibench.plugins import Sensor, SensorContext, SensorSpec
+from tactibench.protocols import (
+    RECORDED,
+    LoadedProtocol,
+    PressSplit,
+    Protocol,
+    pressable,
+    split_recorded,
+)
+from tactibench.records import BoundSpec, digest
 
 Sets = tuple[FrameSet, ...]
 

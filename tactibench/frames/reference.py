@@ -8,8 +8,7 @@ from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.frames.drawn_presses import DrawnFrames
 from tactibench.frames.source import FrameSet, spread
-from tactibench.protocols.draws import fits
-from tactibench.protocols.schema import Draw
+from tactibench.protocols import Draw, fits
 
 PART = 4
 """Number of the part of a draw, whose frames have noise of their own: not used by

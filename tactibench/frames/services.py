@@ -10,9 +10,7 @@ from tactibench.contacts import Scene
 from tactibench.datasets import ImportOptions, Recording, own_workspace, plate_scenes
 from tactibench.errors import UserError
 from tactibench.frames.matching import describe_draw, describe_range, match
-from tactibench.protocols.draws import in_range
-from tactibench.protocols.loader import load_protocol, protocol_files
-from tactibench.protocols.schema import Protocol
+from tactibench.protocols import Protocol, in_range, load_protocol, protocol_files
 
 SURFACE_HINT = "--param sensor.depth=COLUMN --param sensor.tilt=COLUMN name the labels"
 

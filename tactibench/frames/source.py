@@ -17,16 +17,12 @@ import numpy as np
 from tactibench.contacts import Scene, Workspace
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
-from tactibench.plugins.base import Sensor
-from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.draws import SAME_MM, in_range
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.schema import Protocol
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.identity import combined
+from tactibench.plugins import Sensor, SensorSpec
+from tactibench.protocols import SAME_MM, LoadedProtocol, Protocol, in_range
+from tactibench.records import BoundSpec, combined
 
 if TYPE_CHECKING:
-    from tactibench.protocols.hidden_seed import HiddenSeed
+    from tactibench.protocols import HiddenSeed
 
 QUICK_FIT, QUICK_VALIDATION, QUICK_TEST = 200, 40, 40
 """Presses of a ``--quick`` run: it proves the path in under a minute, nothing else."""

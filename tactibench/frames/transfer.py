@@ -21,9 +21,7 @@ from tactibench.frames.source import (
     FrameSource,
     spread,
 )
-from tactibench.protocols.draws import draw_plates, draw_shots
-from tactibench.protocols.families import RECORDED
-from tactibench.protocols.split import FIT, VALIDATION, PressSplit
+from tactibench.protocols import FIT, RECORDED, VALIDATION, PressSplit, draw_plates, draw_shots
 
 PLATES = "plates"
 MOST_AWAY_DEG = 45.0

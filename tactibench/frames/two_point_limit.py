@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 from tactibench.contacts import FloatArray, Indenter, Scene
 from tactibench.errors import UserError
-from tactibench.plugins.base import Sensor
+from tactibench.plugins import Sensor
 
 SEEN, FALSELY_SEEN = 0.75, 0.01
 """Share of pairs and of single presses that the ideal observer takes for two."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
-from tactibench.plugins.base import Model
+from tactibench.plugins import Model
 
 Maps = npt.NDArray[np.float32]
 

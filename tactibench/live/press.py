@@ -14,14 +14,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tactibench.contacts import Contacts, Frame, Grid
 from tactibench.errors import PluginError, UserError, call_plugin
-from tactibench.frames.faults import move, scale
+from tactibench.frames import move, scale
 from tactibench.geometry import scene_of_contacts, true_contacts
 from tactibench.images import gray
 from tactibench.live.answers import Maps, ask
 from tactibench.live.pins import PinLines
 from tactibench.live.views import AnswerView, FrameView
-from tactibench.plugins.base import Encoder, Model, Sensor
-from tactibench.protocols.mistakes import first_mistake
+from tactibench.plugins import Encoder, Model, Sensor
+from tactibench.protocols import first_mistake
 
 MOST_TIPS = 5
 """Most tips of a press: as many as a hand has fingers."""

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts
 from tactibench.live.answers import describe_prediction
 from tactibench.live.pins import Line
-from tactibench.metrics.matching import match
+from tactibench.metrics import match
 
 LENGTH = struct.Struct("<I")
 """Number of bytes of the head, which stands before the head."""

@@ -16,9 +16,7 @@ import math
 import numpy as np
 
 from tactibench.contacts import FloatArray
-from tactibench.stats.bca import bca_interval
-from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums
-from tactibench.stats.intervals import Estimate
+from tactibench.stats import Estimate, Labels, bca_interval, cluster_codes, cluster_sums
 
 METHOD = "interpolated"
 """``Estimate.method`` of these thresholds."""

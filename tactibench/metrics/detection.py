@@ -11,9 +11,10 @@ from tactibench.contacts import FloatArray
 from tactibench.metrics.groups import by_kind, mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import CATCH, Trials
-from tactibench.stats.clusters import Labels, cluster_codes
-from tactibench.stats.intervals import (
+from tactibench.stats import (
     Estimate,
+    Labels,
+    cluster_codes,
     effective_size,
     rate_interval,
     share_interval,

@@ -19,7 +19,7 @@ from tactibench.metrics.groups import by_kind, mean_metric
 from tactibench.metrics.matching import match
 from tactibench.metrics.spec import Sample
 from tactibench.metrics.trials import Trials
-from tactibench.stats.intervals import positive_mean_interval
+from tactibench.stats import positive_mean_interval
 
 
 def gospa(truth: FloatArray, predicted: FloatArray, gate: float, power: int) -> float:

@@ -17,9 +17,8 @@ import numpy.typing as npt
 
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import CATCH, PlateTrials, Trials
-from tactibench.protocols.families import UNTOUCHED, family_of
-from tactibench.stats.clusters import Labels
-from tactibench.stats.intervals import Estimate
+from tactibench.protocols import UNTOUCHED, family_of
+from tactibench.stats import Estimate, Labels
 
 Mask = npt.NDArray[np.bool_]
 Groups = Mapping[str, Mask]

@@ -11,9 +11,15 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import Mask, by_kind, mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
-from tactibench.protocols.families import UNTOUCHED, Axis, family_of
-from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
-from tactibench.stats.intervals import Estimate, positive_mean_interval, rate_interval
+from tactibench.protocols import UNTOUCHED, Axis, family_of
+from tactibench.stats import (
+    DOUBLE,
+    Estimate,
+    doubling,
+    mean_ratio,
+    positive_mean_interval,
+    rate_interval,
+)
 
 THOUSAND = 1000
 """Frames per which false contacts are counted: per frame the numbers would be too small to read."""

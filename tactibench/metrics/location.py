@@ -15,11 +15,14 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import Trials
-from tactibench.stats.bca import bca_interval, r_squared
-from tactibench.stats.clusters import IntArray, Labels, cluster_codes
-from tactibench.stats.intervals import (
+from tactibench.stats import (
     Estimate,
+    IntArray,
+    Labels,
+    bca_interval,
+    cluster_codes,
     positive_mean_interval,
+    r_squared,
     ratio_interval,
     rms_interval,
     root,

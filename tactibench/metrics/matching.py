@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from tactibench.contacts import Contacts
-from tactibench.stats.clusters import FloatArray, IntArray
+from tactibench.stats import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,14 +16,14 @@ from tactibench.metrics.groups import plate_rows
 from tactibench.metrics.position import plate_depth_errors, plate_errors
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import PlateTrials
-from tactibench.stats.clusters import FloatArray
-from tactibench.stats.intervals import (
+from tactibench.stats import (
     Estimate,
+    FloatArray,
     mean_interval,
     positive_mean_interval,
     share_interval,
+    sign_flip_p,
 )
-from tactibench.stats.paired import sign_flip_p
 
 
 def tilt_errors(trials: PlateTrials) -> Sample:

@@ -8,7 +8,7 @@ from tactibench.metrics.groups import by_kind, mean_metric, plate_rows
 from tactibench.metrics.matching import runs
 from tactibench.metrics.spec import Sample
 from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.stats.intervals import positive_mean_interval
+from tactibench.stats import positive_mean_interval
 
 
 def gated_distances(trials: Trials) -> Sample:

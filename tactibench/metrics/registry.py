@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.metrics.spec import MetricSpec
-from tactibench.protocols.loader import LoadedProtocol
+from tactibench.protocols import LoadedProtocol
 
 _FAMILIES = {
     "location": ("r2", "mae_mm", "rmse_mm", "rmse_pooled_mm", "rmse_over_bound"),

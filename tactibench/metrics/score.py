@@ -12,8 +12,8 @@ from tactibench.errors import UserError
 from tactibench.metrics.registry import all_metrics, find_metric
 from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.records.record import Metric
-from tactibench.stats.intervals import Estimate
+from tactibench.records import Metric
+from tactibench.stats import Estimate
 
 
 def score(

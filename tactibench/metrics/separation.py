@@ -12,8 +12,7 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import Mask, by_condition, mean_metric, members
 from tactibench.metrics.spec import Sample
 from tactibench.metrics.trials import Trials
-from tactibench.stats.clusters import IntArray
-from tactibench.stats.intervals import positive_mean_interval, share_interval
+from tactibench.stats import IntArray, positive_mean_interval, share_interval
 
 UNDEFINED_AXIS_DEG = 45.0
 """Error of a pair whose two predictions coincide: the mean error of a random axis."""

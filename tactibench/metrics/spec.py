@@ -9,8 +9,7 @@ import numpy as np
 
 from tactibench.contacts import FloatArray
 from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.stats.clusters import IntArray
-from tactibench.stats.intervals import Estimate
+from tactibench.stats import Estimate, IntArray
 
 Rows = Iterable[tuple[str, Estimate]]
 """(group, estimate) pairs in the order of the table."""

@@ -16,8 +16,8 @@ from tactibench.contacts import Contacts, FloatArray, Grid
 from tactibench.metrics.groups import by_kind, mean_metric
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import Trials
-from tactibench.plugins.base import Encoder
-from tactibench.stats.intervals import Estimate, mean_interval, rms_interval
+from tactibench.plugins import Encoder
+from tactibench.stats import Estimate, mean_interval, rms_interval
 
 BATCH = 100
 """Frames whose maps are drawn at once."""

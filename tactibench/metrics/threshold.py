@@ -35,9 +35,15 @@ from tactibench.metrics.groups import condition, members
 from tactibench.metrics.separation import resolved
 from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import Trials
-from tactibench.stats.clusters import IntArray, Labels, cluster_codes, cluster_sums
-from tactibench.stats.intervals import Estimate, t_quantile
-from tactibench.stats.ranks import median_by_ranks
+from tactibench.stats import (
+    Estimate,
+    IntArray,
+    Labels,
+    cluster_codes,
+    cluster_sums,
+    median_by_ranks,
+    t_quantile,
+)
 
 SHARE = 0.75
 """Share of pairs resolved at the threshold, the usual choice of psychophysics."""

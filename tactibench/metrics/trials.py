@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from tactibench.contacts import Contacts, FloatArray, PlatePose
 from tactibench.metrics.matching import Pairs, match_trials
-from tactibench.protocols.families import Axis
-from tactibench.stats.clusters import IntArray, Labels, finite
+from tactibench.protocols import Axis
+from tactibench.stats import IntArray, Labels, finite
 
 CATCH = "catch"
 """Group of the single presses that are mixed into two-point trials."""

@@ -19,9 +19,9 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import by_kind, mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import Trials
-from tactibench.stats.clusters import IntArray
-from tactibench.stats.intervals import (
+from tactibench.stats import (
     Estimate,
+    IntArray,
     mean_interval,
     ratio_interval,
     rms_interval,

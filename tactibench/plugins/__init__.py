@@ -1,1 +1,5 @@
 """Hook specifications, specs, base classes and the guarded plugin host."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.host import Catalogue
-from tactibench.plugins.parameter import Value
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec
+from tactibench.plugins import Catalogue, EncoderSpec, ModelSpec, Origin, SensorSpec, Value
 from tactibench.records.identity import code_hash, code_mentions
 from tactibench.records.record import Component
 

@@ -19,7 +19,7 @@ from pydantic import (
 
 from tactibench.contacts import Workspace
 from tactibench.errors import UserError
-from tactibench.plugins.fit_report import Prior
+from tactibench.plugins import Prior
 
 SCHEMA = 1
 SHARES = ("missed", "resolved", "catch_resolved", "coverage")

@@ -7,20 +7,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tactibench.board.cost import by_machine, frames_per_second, latency, machine
-from tactibench.board.grouping import whole
-from tactibench.board.ranking import Errors, Ranks, ordered, ranks
-from tactibench.board.rows import Row, prior_of
-from tactibench.board.sections import Section, sections_of
-from tactibench.board.submissions import (
+from tactibench.board import (
+    Errors,
+    Ranks,
+    Row,
+    Section,
     all_press_errors,
+    by_machine,
+    frames_per_second,
+    latency,
+    machine,
+    ordered,
+    prior_of,
+    ranks,
     read_submissions,
     records_of_version,
+    sections_of,
+    whole,
 )
-from tactibench.protocols.board_spec import Block as BoardTable
+from tactibench.protocols import Block as BoardTable
+from tactibench.protocols import LoadedProtocol, protocol_files, protocol_versions
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
-from tactibench.records.record import Record
+from tactibench.records import Record
 from tactibench.report.board_tables import metric_blocks
 from tactibench.report.numbers import fixed
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table

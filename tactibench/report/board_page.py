@@ -11,34 +11,39 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from tactibench.board.curve import Curve, curves
-from tactibench.board.grouping import row_on_own_test, rows_of, section_key, whole
-from tactibench.board.ranking import Errors, ordered, ranks
-from tactibench.board.rows import (
+from tactibench.board import (
     BELOW_BOUND,
+    Curve,
+    Errors,
     Row,
-    trained_on,
-)
-from tactibench.board.sections import Section, sections_of
-from tactibench.board.submissions import (
+    Section,
     all_press_errors,
     check_folder,
     committed_protocols,
+    curves,
+    ordered,
+    ranks,
     read_submissions,
     records_of_version,
+    row_on_own_test,
+    section_key,
+    sections_of,
+    trained_on,
+    whole,
 )
+from tactibench.board.grouping import rows_of
 from tactibench.errors import UserError
-from tactibench.protocols.board_spec import BoardSpec, board_spec
-from tactibench.protocols.loader import (
-    VARIABLE,
+from tactibench.protocols import (
+    BoardSpec,
     LoadedProtocol,
+    PublishedTable,
     protocol_files,
     protocol_versions,
+    published_for,
 )
-from tactibench.protocols.published import PublishedTable, published_for
-from tactibench.records.files import atomic
-from tactibench.records.identity import canonical
-from tactibench.records.record import Record
+from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.loader import VARIABLE
+from tactibench.records import Record, atomic, canonical
 from tactibench.report.board_tables import (
     BELOW,
     cost_blocks,

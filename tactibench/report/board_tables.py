@@ -6,15 +6,26 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from tactibench.board.cost import by_machine, frames_per_second, latency, machine, settled
-from tactibench.board.curve import Curve, Step, counts
-from tactibench.board.grouping import row_anchor
-from tactibench.board.ranking import Ranks
-from tactibench.board.rows import FittedFrames, PooledMetric, Row, fitted_frames
-from tactibench.protocols.board_spec import Block as BoardTable
-from tactibench.protocols.board_spec import BoardSpec, Ranking
-from tactibench.protocols.board_spec import Column as MetricColumn
-from tactibench.records.record import Record
+from tactibench.board import (
+    Curve,
+    FittedFrames,
+    PooledMetric,
+    Ranks,
+    Row,
+    Step,
+    by_machine,
+    counts,
+    fitted_frames,
+    frames_per_second,
+    latency,
+    machine,
+    row_anchor,
+    settled,
+)
+from tactibench.protocols import Block as BoardTable
+from tactibench.protocols import BoardSpec, Ranking
+from tactibench.protocols import Column as MetricColumn
+from tactibench.records import Record
 from tactibench.report.document import Block, Bullets, Group, Prose
 from tactibench.report.labels import named
 from tactibench.report.numbers import (

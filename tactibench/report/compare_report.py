@@ -8,11 +8,10 @@ from string import ascii_uppercase
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.compare import Comparison, MetricComparison, left_out, names_of
-from tactibench.board.rows import measured_on
-from tactibench.metrics.registry import find_metric
-from tactibench.records.record import Record
-from tactibench.records.store import StoredRun
+from tactibench.board import Comparison, MetricComparison, measured_on, names_of
+from tactibench.board.compare import left_out
+from tactibench.metrics import find_metric
+from tactibench.records import Record, StoredRun
 from tactibench.report.labels import NAMES, UNITS
 from tactibench.report.numbers import Format, fixed, number
 from tactibench.report.table import MISSING, PERCENT, Cell, Column, Head, Number, Table, table

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tactibench.board.hard_cases import ERROR, Case, FamilyErrors, family_errors
-from tactibench.board.rows import PooledMetric, Row
-from tactibench.protocols.families import Axis
+from tactibench.board import ERROR, Case, FamilyErrors, PooledMetric, Row, family_errors
+from tactibench.protocols import Axis
 from tactibench.report.board_tables import IDENTITY, identity
 from tactibench.report.document import Block, Group, Heading, prose
 from tactibench.report.numbers import fixed, general, number

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactibench.metrics.registry import FAMILIES, find_metric
+from tactibench.metrics import FAMILIES, find_metric
 
 HEADS = {
     "coverage": "coverage, %",

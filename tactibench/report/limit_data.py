@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactibench.board.limits import LimitMaps, LimitRequest, map_limits, rows_of
+from tactibench.board import LimitMaps, LimitRequest, map_limits
+from tactibench.board.limits import rows_of
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError, did_you_mean
-from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.parameter import Value
-from tactibench.plugins.specs import SensorSpec
+from tactibench.plugins import PluginHost, Sensor, SensorContext, SensorSpec, Value
 from tactibench.report.plot_data import PlotData
 from tactibench.report.plot_tables import (
     limit_remarks,
@@ -26,7 +24,7 @@ from tactibench.report.plot_tables import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactibench.run.reporter import Reporter
+    from tactibench.run import Reporter
 
 MOST_CELLS = 101
 """Most cells along one side of the map: a finer map takes minutes and shows nothing more."""

@@ -5,12 +5,8 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterable
 
-from tactibench.board.cost import latency, settled
-from tactibench.board.grouping import row_anchor
-from tactibench.board.overview import OverviewLine
-from tactibench.board.rows import Row, label_of
-from tactibench.protocols.board_spec import overview_spec
-from tactibench.protocols.loader import load_protocol
+from tactibench.board import OverviewLine, Row, label_of, latency, row_anchor, settled
+from tactibench.protocols import load_protocol, overview_spec
 from tactibench.report.numbers import duration, fixed, significant
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
 

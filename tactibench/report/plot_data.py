@@ -10,20 +10,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactibench.board.curve import curves, new_sensor_curves
-from tactibench.board.frontier import frontiers
-from tactibench.board.grouping import whole
-from tactibench.board.ranking import ordered, ranking_error
-from tactibench.board.rows import Row
-from tactibench.board.sections import (
+from tactibench.board import (
+    Row,
     all_records,
+    curves,
+    frontiers,
     gather_records,
-    left_out,
+    new_sensor_curves,
+    ordered,
+    ranking_error,
     sections_of,
     select_section,
+    whole,
 )
+from tactibench.board.sections import left_out
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import load_protocol
+from tactibench.protocols import load_protocol
 from tactibench.report.hard_cases import doubling_table
 from tactibench.report.numbers import plural
 from tactibench.report.plot_tables import (
@@ -112,7 +114,7 @@ def frontier_data(
 
 
 def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
-    from tactibench.board.cost import machine as machine_of
+    from tactibench.board import machine as machine_of
 
     machines = sorted({machine_of(record) for row in rows for record in row.records})
     if machine is not None and machine not in machines:

@@ -6,15 +6,19 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from tactibench.board.cost import settled
-from tactibench.board.curve import Curve
-from tactibench.board.frontier import Frontier, Range
-from tactibench.board.hard_cases import family_errors
-from tactibench.board.limits import LimitMaps, spacing_summary, summary
-from tactibench.board.rows import Row
-from tactibench.frames.two_point_limit import D_PRIME, FALSELY_SEEN, SEEN
-from tactibench.protocols.board_spec import Ranking
-from tactibench.protocols.families import Axis
+from tactibench.board import (
+    Curve,
+    Frontier,
+    LimitMaps,
+    Range,
+    Row,
+    family_errors,
+    settled,
+    spacing_summary,
+    summary,
+)
+from tactibench.frames import D_PRIME, FALSELY_SEEN, SEEN
+from tactibench.protocols import Axis, Ranking
 from tactibench.report.numbers import Format, fixed, plural, significant
 from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
 

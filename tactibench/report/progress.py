@@ -24,9 +24,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from tactibench.plugins.base import Progress as TrainingProgress
+from tactibench.plugins import Progress as TrainingProgress
 from tactibench.report.numbers import duration
-from tactibench.run.reporter import NullReporter, Reporter
+from tactibench.run import NullReporter, Reporter
 
 INTERVAL_S = 30.0
 """Longest silence of long work. Shorter work writes no line, so that a log holds results."""

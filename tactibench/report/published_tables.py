@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
+from tactibench.protocols import PublishedRow, PublishedTable, rows_for
 from tactibench.report.document import Block, Bullets, Heading, Paragraph, Prose, prose
 from tactibench.report.labels import HEADS
 from tactibench.report.table import Column, Head, Number, Text, table

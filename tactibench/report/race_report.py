@@ -11,7 +11,7 @@ from tactibench.report.numbers import fixed
 from tactibench.report.run_speed import change
 from tactibench.report.table import Cell, Column, Head, Number, Table, table
 from tactibench.report.writers.terminal import print_table
-from tactibench.run.configurations import Race
+from tactibench.run import Race
 
 
 def print_race(console: Console, race: Race, subject: str, note: str) -> None:

@@ -13,12 +13,20 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.rows import NOT_STATED, measured_on, prior_of
-from tactibench.metrics.groups import condition
-from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
-from tactibench.protocols.families import UNTOUCHED, Axis, family_of
-from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
-from tactibench.records.record import Metric, Record
+from tactibench.board import NOT_STATED, measured_on, prior_of
+from tactibench.metrics import condition
+from tactibench.protocols import (
+    UNTOUCHED,
+    Axis,
+    BoardSpec,
+    PublishedRow,
+    PublishedTable,
+    RunTable,
+    family_of,
+    rows_for,
+)
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
 from tactibench.report.numbers import duration, fixed, number, span
 from tactibench.report.run_rows import (
@@ -315,7 +323,7 @@ def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> b
 
 
 def _print_hard_cases(console: Console, record: Record, axes: Sequence[Axis]) -> None:
-    from tactibench.board.rows import Row
+    from tactibench.board import Row
     from tactibench.report.hard_cases import family_table
 
     console.print()

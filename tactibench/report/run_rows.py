@@ -8,9 +8,9 @@ from dataclasses import replace
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.metrics.groups import condition
-from tactibench.protocols.board_spec import RunTable
-from tactibench.records.record import Metric, Record
+from tactibench.metrics import condition
+from tactibench.protocols import RunTable
+from tactibench.records import Metric, Record
 from tactibench.report.labels import is_share
 from tactibench.report.numbers import general
 from tactibench.report.table import NO_INTERVAL, Cell, Number, Table, metric_number

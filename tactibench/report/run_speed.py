@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.cost import settled_time
-from tactibench.protocols.board_spec import BoardSpec
-from tactibench.protocols.published import PublishedTable, rows_for
-from tactibench.records.record import Record, SpeedRow
+from tactibench.board import settled_time
+from tactibench.protocols import BoardSpec, PublishedTable, rows_for
+from tactibench.records import Record, SpeedRow
 from tactibench.report.labels import NAMES
 from tactibench.report.numbers import fixed, number, plural
 from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table

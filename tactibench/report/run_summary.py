@@ -13,13 +13,17 @@ from urllib.parse import quote
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.cost import settled_time
-from tactibench.board.placement import Placement, times_bound
-from tactibench.board.ranking import FEWEST_PRESSES, FEWEST_SEEDS
-from tactibench.board.rows import measured_on
+from tactibench.board import (
+    FEWEST_PRESSES,
+    FEWEST_SEEDS,
+    Placement,
+    measured_on,
+    settled_time,
+    times_bound,
+)
+from tactibench.protocols import name_of
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import name_of
-from tactibench.records.record import Record, SpeedRow
+from tactibench.records import Record, SpeedRow
 from tactibench.report.labels import named
 from tactibench.report.numbers import number, plural, significant
 from tactibench.report.run_rows import (

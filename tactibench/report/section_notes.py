@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from tactibench.board.rows import (
+from tactibench.board import (
     TRIVIAL,
     Row,
     command_options,
@@ -13,8 +13,8 @@ from tactibench.board.rows import (
     trained_on,
     training_instances,
 )
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.records.record import Record
+from tactibench.protocols import LoadedProtocol
+from tactibench.records import Record
 from tactibench.report.document import Block, Inline, Paragraph, Prose, prose
 from tactibench.report.simulator_error import first_line
 from tactibench.report.table import Text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from tactibench.records.record import Record, SimulatorError
+from tactibench.records import Record, SimulatorError
 
 TITLE = "simulator's own error at a pin"
 DECIMALS = 3

@@ -11,9 +11,7 @@ from rich.text import Text
 from tactibench.report.numbers import duration, plural
 from tactibench.report.table import Column, Table, table
 from tactibench.report.writers.terminal import print_table
-from tactibench.sweep.data_sets import DatasetTask
-from tactibench.sweep.run import CellResult
-from tactibench.sweep.spec import AXES
+from tactibench.sweep import AXES, CellResult, DatasetTask
 
 STATES = {"done": "in the store", "to do": "to do", "cannot": "failed"}
 RIGHT = frozenset({"seed", "time"})

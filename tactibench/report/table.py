@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from tactibench.report.numbers import Format, fixed
 
 if TYPE_CHECKING:
-    from tactibench.board.rows import PooledMetric
-    from tactibench.records.record import Metric
+    from tactibench.board import PooledMetric
+    from tactibench.records import Metric
 
 MISSING = "n/a"
 """Text that stands where there is no value."""

@@ -8,12 +8,12 @@ from statistics import median
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.cost import settled_time
-from tactibench.records.record import Record, SpeedRow
+from tactibench.board import settled_time
+from tactibench.records import Record, SpeedRow
 from tactibench.report.numbers import fixed, plural
 from tactibench.report.table import Cell, Column, Number, Table, table
 from tactibench.report.writers.terminal import print_table
-from tactibench.run.load import QUIET
+from tactibench.run import QUIET
 
 
 def print_times(console: Console, records: Sequence[Record], earlier: Sequence[Record]) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.rows import BELOW_BOUND
-from tactibench.board.verification import Verdict
+from tactibench.board import BELOW_BOUND, Verdict
 from tactibench.report.labels import NAMES, named
 from tactibench.report.table import Column, metric_number, table
 from tactibench.report.writers.terminal import print_table

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.records.files import file_hash, read_checked_json
+from tactibench.records import file_hash, read_checked_json
 from tactibench.run.weights import MANIFEST, weights_hash
 
 

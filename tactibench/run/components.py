@@ -6,12 +6,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.plugins.base import Encoder, Model, ModelContext
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.parameter import Value
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec
-from tactibench.protocols.schema import Protocol
-from tactibench.records.bound_spec import BoundSpec
+from tactibench.plugins import (
+    Encoder,
+    EncoderSpec,
+    Model,
+    ModelContext,
+    ModelSpec,
+    PluginHost,
+    SensorSpec,
+    Value,
+)
+from tactibench.protocols import Protocol
+from tactibench.records import BoundSpec
 from tactibench.run.request import RunRequest
 
 QUICK_EPOCHS = 2

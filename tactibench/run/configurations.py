@@ -10,8 +10,8 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.frames.source import spread
-from tactibench.plugins.base import Model, Stage
+from tactibench.frames import spread
+from tactibench.plugins import Model, Stage
 from tactibench.run.difference import Difference, answers_of, compare, declared_stages
 from tactibench.run.latency import (
     BATCHES,

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.errors import UserError
-from tactibench.plugins.base import Model, Stage
-from tactibench.plugins.failures import describe_method
+from tactibench.plugins import Model, Stage, describe_method
 
 ALLOWED = 0.02
 """Relative change of the mean error up to which a way is allowed, and share of frames in which the

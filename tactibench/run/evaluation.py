@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
-from tactibench.frames.presses import Presses, true_answers
-from tactibench.plugins.base import Model
-from tactibench.records.answers import pack
-from tactibench.records.store import Arrays
+from tactibench.frames import Presses, true_answers
+from tactibench.plugins import Model
+from tactibench.records import Arrays, pack
 from tactibench.run.examples import example_arrays
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import AnswerRules, Predictions, predict_frames

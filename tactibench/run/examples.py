@@ -11,9 +11,9 @@ import numpy.typing as npt
 from tactibench.channels import holds_channels
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.frames.source import spread
-from tactibench.plugins.base import Model
-from tactibench.records.store import Arrays
+from tactibench.frames import spread
+from tactibench.plugins import Model
+from tactibench.records import Arrays
 from tactibench.run.predict import blinded
 
 EXAMPLES = 24

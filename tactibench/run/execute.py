@@ -11,18 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Contacts
-from tactibench.frames.ground_truth import true_bounds, true_limits, true_surfaces
-from tactibench.frames.presses import Presses
-from tactibench.metrics.registry import check_metrics
-from tactibench.plugins.base import SensorContext
-from tactibench.records.record import Record
-from tactibench.records.store import (
-    Arrays,
-    StoredRun,
-    held_name,
-    unscored_run,
-    write_answers,
-)
+from tactibench.frames import Presses, true_bounds, true_limits, true_surfaces
+from tactibench.metrics import check_metrics
+from tactibench.plugins import SensorContext
+from tactibench.records import Arrays, Record, StoredRun, held_name, unscored_run, write_answers
 from tactibench.run.evaluation import Evaluation, TestFrames
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import cached_predictions
@@ -139,7 +131,7 @@ def _add_simulated_truth(
                 maps["surface"] = surfaces
             encoder = plan.components.build_encoder()
             if surfaces is not None and encoder is not None and FLOOR & {*names}:
-                from tactibench.metrics.surface import surface_floor
+                from tactibench.metrics import surface_floor
 
                 depth = plan.spec.workspace.depth_max_mm
                 contacts = [answer for answer in test.truth if isinstance(answer, Contacts)]

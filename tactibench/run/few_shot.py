@@ -13,11 +13,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from tactibench.contacts import Answer, Frame
-from tactibench.frames.labelled import check_labelled
-from tactibench.frames.presses import true_answers
-from tactibench.plugins.base import Model
-from tactibench.records.answers import pack
-from tactibench.records.store import Arrays
+from tactibench.frames import check_labelled, true_answers
+from tactibench.plugins import Model
+from tactibench.records import Arrays, pack
 from tactibench.run.components import cannot_adapt
 from tactibench.run.evaluation import Evaluation, TestFrames, truth_arrays
 from tactibench.run.plan import RunPlan

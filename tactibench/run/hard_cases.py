@@ -13,10 +13,8 @@ import numpy as np
 
 from tactibench.contacts import Contacts, Frame
 from tactibench.errors import NotFiniteError
-from tactibench.plugins.base import Model
-from tactibench.plugins.exits import ProcessExitError
-from tactibench.records.answers import pack
-from tactibench.records.store import Arrays
+from tactibench.plugins import Model, ProcessExitError
+from tactibench.records import Arrays, pack
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.examples import example_arrays
 from tactibench.run.predict import (

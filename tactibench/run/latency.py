@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.plugins.base import Stage
+from tactibench.plugins import Stage
 from tactibench.run.load import QUIET, Counter, Load, counters, load_between
 
 Clock = Callable[[], float]

@@ -18,8 +18,8 @@ from typing import Any
 
 from tactibench import __version__
 from tactibench.errors import UserError
-from tactibench.plugins.discovery import installed
-from tactibench.records.identity import code_hash, installed_versions
+from tactibench.plugins import installed
+from tactibench.records import code_hash, installed_versions
 
 PACKAGES = ("numpy", "scipy", "torch", "opencv-contrib-python-headless", "tactibench")
 """Packages whose versions a record holds."""

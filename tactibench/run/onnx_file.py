@@ -12,8 +12,8 @@ import numpy as np
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.errors import UserError
-from tactibench.plugins.base import Model
-from tactibench.records.files import atomic
+from tactibench.plugins import Model
+from tactibench.records import atomic
 
 MOST_MM = 1e-3
 """Largest difference of the file's answers, mm: a thirtieth of the best network's error. float32
@@ -61,8 +61,7 @@ def export_onnx(
         UserError: The model is no network, ONNX is not installed, the network cannot be exported,
             or the answers differ.
     """
-    from tactibench.training.deploy import onnx_model
-    from tactibench.training.learned import LearnedModel
+    from tactibench.training import LearnedModel, onnx_model
 
     name = type(model).__name__
     if not isinstance(model, LearnedModel):

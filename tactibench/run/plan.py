@@ -10,13 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError
-from tactibench.frames.factory import frame_source
-from tactibench.frames.source import FramePlan, FrameRequest, FrameSet
-from tactibench.plugins.base import ModelContext
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import LoadedProtocol, load_protocol
-from tactibench.protocols.schema import Protocol
-from tactibench.records.identity import code_hash, digest, installed_versions
+from tactibench.frames import FramePlan, FrameRequest, FrameSet, frame_source
+from tactibench.plugins import ModelContext, PluginHost
+from tactibench.protocols import LoadedProtocol, Protocol, load_protocol
+from tactibench.records import code_hash, digest, installed_versions
 from tactibench.run.components import Components, cannot_adapt, resolve_components
 from tactibench.run.machine import choose_device, fingerprint_hash, machine
 from tactibench.run.request import RunRequest, data_folder
@@ -24,7 +21,7 @@ from tactibench.run.test_sensor import describe_target, resolve_test_sensor
 from tactibench.run.weights import WeightsPlan, plan_weights
 
 if TYPE_CHECKING:
-    from tactibench.protocols.hidden_seed import HiddenSeed
+    from tactibench.protocols import HiddenSeed
     from tactibench.run.published_predictions import PublishedPredictions
 
 SHOWS_ONLY = frozenset(
@@ -188,7 +185,7 @@ def make_plan(
         raise cannot_adapt(components.model.label)
     hidden = None
     if test.hidden:
-        from tactibench.protocols.hidden_seed import committed_seed
+        from tactibench.protocols import committed_seed
 
         hidden = committed_seed(protocol)
     frames = _plan_frames(

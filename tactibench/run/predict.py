@@ -16,11 +16,14 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal
 from tactibench.errors import NotFiniteError, UserError
-from tactibench.plugins.base import Model
-from tactibench.plugins.failures import describe_method
-from tactibench.records.answers import unpack_contacts, unpack_plates
-from tactibench.records.files import read_checked_arrays, write_checked_arrays
-from tactibench.records.store import Arrays
+from tactibench.plugins import Model, describe_method
+from tactibench.records import (
+    Arrays,
+    read_checked_arrays,
+    unpack_contacts,
+    unpack_plates,
+    write_checked_arrays,
+)
 
 HeatMaps = npt.NDArray[np.float16]
 Answers = list[Answer | None]

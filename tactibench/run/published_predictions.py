@@ -17,10 +17,8 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, PlatePose
 from tactibench.errors import UserError
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.published import ReleasedAnswers, load_published, rows_for
-from tactibench.records.answers import pack_plates
-from tactibench.records.files import file_hash
+from tactibench.protocols import LoadedProtocol, ReleasedAnswers, load_published, rows_for
+from tactibench.records import file_hash, pack_plates
 from tactibench.run.score import PUBLISHED
 from tactibench.shipped import shipped_folder
 

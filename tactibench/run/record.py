@@ -8,10 +8,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tactibench.frames.ground_truth import simulator_error
-from tactibench.records.files import arrays_hash
-from tactibench.records.identity import code_commit
-from tactibench.records.record import SCHEMA, Record, make_signature
+from tactibench.frames import simulator_error
+from tactibench.records import SCHEMA, Record, arrays_hash, code_commit, make_signature
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
-from tactibench.plugins.base import Progress
+from tactibench.plugins import Progress
 
 
 class Reporter(Protocol):

@@ -11,16 +11,27 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError, describe_exception
-from tactibench.protocols.families import family_of, subgroup
-from tactibench.protocols.loader import LoadedProtocol, protocol_versions, version_of
-from tactibench.protocols.schema import ApartTest, Protocol
-from tactibench.records.answers import unpack_contacts, unpack_plates
-from tactibench.records.files import arrays_hash
-from tactibench.records.record import Metric, Record
-from tactibench.records.store import StoredRun, complete_run
+from tactibench.protocols import (
+    ApartTest,
+    LoadedProtocol,
+    Protocol,
+    family_of,
+    protocol_versions,
+    subgroup,
+    version_of,
+)
+from tactibench.records import (
+    Metric,
+    Record,
+    StoredRun,
+    arrays_hash,
+    complete_run,
+    unpack_contacts,
+    unpack_plates,
+)
 
 if TYPE_CHECKING:
-    from tactibench.metrics.trials import PlateTrials, Trials
+    from tactibench.metrics import PlateTrials, Trials
 
 SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
@@ -48,8 +59,8 @@ def score_arrays(
     Raises:
         UserError: A metric does not apply to the answers.
     """
+    from tactibench.metrics import PlateTrials
     from tactibench.metrics.score import score
-    from tactibench.metrics.trials import PlateTrials
 
     seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(SCORING_STREAM,))
     trials = trials_of(protocol, truth, predicted, maps)
@@ -58,7 +69,7 @@ def score_arrays(
         after = names.index(THRESHOLD) + 1
         names = (*names[:after], LIMIT, *names[after:])
     if isinstance(trials, PlateTrials) and trials.published:
-        from tactibench.metrics.plate import PUBLISHED_NAMES
+        from tactibench.metrics import PUBLISHED_NAMES
 
         names = (*names, *(name for name in PUBLISHED_NAMES if name not in names))
     metrics = score(names, trials, rng=np.random.default_rng(seed))
@@ -93,7 +104,7 @@ def trials_of(
             n/a.
         apart: The test that is scored apart from the main test; None for the main test.
     """
-    from tactibench.metrics.trials import PlateTrials, Trials
+    from tactibench.metrics import PlateTrials, Trials
 
     if protocol.answer == "plate":
         return PlateTrials(
@@ -151,7 +162,7 @@ def _failures(predicted: Arrays) -> npt.NDArray[np.int8] | None:
 
     The values are NOT_FINITE, RAISED, or 0 where it answered.
     """
-    from tactibench.metrics.trials import NOT_FINITE, RAISED
+    from tactibench.metrics import NOT_FINITE, RAISED
 
     if "failed" not in predicted:
         return None

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import INSTANCE, VERSION, SensorSpec
-from tactibench.protocols.schema import Protocol
-from tactibench.records.bound_spec import BoundSpec
+from tactibench.plugins import INSTANCE, VERSION, PluginHost, SensorSpec
+from tactibench.protocols import Protocol
+from tactibench.records import BoundSpec
 from tactibench.run.request import REFERENCE, SHOTS, TestOptions, data_folder, folder_label
 
 Sensor = BoundSpec[SensorSpec]

@@ -13,9 +13,8 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.frames.source import spread
-from tactibench.plugins.base import Model, Stage
-from tactibench.plugins.failures import describe_method
+from tactibench.frames import spread
+from tactibench.plugins import Model, Stage, describe_method
 from tactibench.run.difference import answers_of, compare, declared_stages
 from tactibench.run.latency import BATCHES, LatencySample, offline_block, time_calls
 from tactibench.run.machine import all_threads

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from tactibench.frames.presses import Presses, true_answers
-from tactibench.frames.source import FrameSet
-from tactibench.plugins.base import Model
+from tactibench.frames import FrameSet, Presses, true_answers
+from tactibench.plugins import Model
 from tactibench.run.plan import RunPlan
 from tactibench.run.reporter import Reporter
 from tactibench.run.weights import Examples, TrainedWeights, trained_weights

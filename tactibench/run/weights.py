@@ -13,21 +13,22 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import Model, Progress
-from tactibench.plugins.fit_report import PRIORS, FitReport
-from tactibench.plugins.specs import ModelSpec
-from tactibench.protocols.schema import Protocol
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.files import file_hash, locked, read_checked_json, write_checked_json
-from tactibench.records.identity import (
+from tactibench.plugins import PRIORS, FitReport, Model, ModelSpec, Progress
+from tactibench.protocols import Protocol
+from tactibench.records import (
+    BoundSpec,
     canonical,
     code_hash,
     combined,
     digest,
+    file_hash,
     installed_versions,
+    locked,
+    read_checked_json,
+    write_checked_json,
 )
 from tactibench.run.components import Components
-from tactibench.training.precision import resolve_precision
+from tactibench.training import resolve_precision
 
 TRAINING_STREAM = 1
 MANIFEST = "manifest.json"

@@ -23,18 +23,17 @@ from pydantic import ValidationError
 from tactibench import __version__
 from tactibench.contacts import Grid
 from tactibench.errors import UserError
-from tactibench.plugins.base import Model, ModelContext
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.files import (
+from tactibench.plugins import Model, ModelContext, PluginHost
+from tactibench.protocols import first_mistake
+from tactibench.records import (
+    BoundSpec,
     atomic,
     file_hash,
+    installed_versions,
     locked,
     parse_json,
     write_checked_json,
 )
-from tactibench.records.identity import installed_versions
 from tactibench.run.machine import choose_device
 from tactibench.run.plan import RunPlan, no_weights
 from tactibench.run.weights import (

@@ -15,7 +15,7 @@ from pathlib import Path
 from string import Template
 
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 
 LONGEST_NAME = 40
 SUFFIX = ".template"

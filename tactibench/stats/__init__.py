@@ -1,1 +1,5 @@
 """Intervals and comparisons whose unit of resampling is the press, never the frame."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

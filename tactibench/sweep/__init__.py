@@ -1,1 +1,5 @@
 """Many runs, and large data sets, on the processes of one machine or of a cluster."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tactibench.errors import UserError
-from tactibench.records.cache import cache_folder
-from tactibench.run.machine import cuda_possible, fingerprint, software
+from tactibench.records import cache_folder
+from tactibench.run import cuda_possible, fingerprint, software
 
 GPU = "GPU"
 """The resource of workers with a graphics card: ``dask worker --resources GPU=1``."""

@@ -7,21 +7,23 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from tactibench.datasets import Draft, Header
-from tactibench.datasets.generation import (
+from tactibench.datasets import (
     Advance,
+    Draft,
     GenerationRequest,
+    Header,
+    PressPlan,
+    PressSeries,
     SensorSource,
     generate,
     is_complete,
     press_series,
     sensor_parameters,
+    signal_bytes,
 )
-from tactibench.datasets.images import signal_bytes
-from tactibench.datasets.press_plan import PressPlan, PressSeries
 from tactibench.errors import UserError
-from tactibench.records.identity import digest
-from tactibench.run.request import read_parameters
+from tactibench.records import digest
+from tactibench.run import read_parameters
 from tactibench.sweep.cluster import Cluster, WorkerLossError
 from tactibench.sweep.spec import DatasetSpec, SweepFile, resolve_protocol
 

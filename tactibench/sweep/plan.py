@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from tactibench.errors import UserError, printable
-from tactibench.frames.source import FramePlan
-from tactibench.plugins.host import PluginHost
-from tactibench.records.identity import digest
-from tactibench.records.store import CHECKSUM, readable_run, stored_runs
-from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.request import RunRequest
+from tactibench.frames import FramePlan
+from tactibench.plugins import PluginHost
+from tactibench.records import CHECKSUM, digest, readable_run, stored_runs
+from tactibench.run import RunPlan, RunRequest, make_plan
 from tactibench.sweep.cluster import NO_GPU, Cluster, Storage, WorkerLossError
 from tactibench.sweep.spec import Cell
 

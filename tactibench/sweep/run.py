@@ -13,14 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError, describe_exception, is_interruption, printable
-from tactibench.metrics.registry import check_metrics
-from tactibench.plugins.exits import forbid_exit
-from tactibench.plugins.failures import describe_failure
-from tactibench.plugins.host import PluginHost
-from tactibench.records.store import open_run
-from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import NullReporter, Reporter
-from tactibench.run.request import RunRequest
+from tactibench.metrics import check_metrics
+from tactibench.plugins import PluginHost, describe_failure, forbid_exit
+from tactibench.records import open_run
+from tactibench.run import NullReporter, Reporter, RunPlan, RunRequest, make_plan
 from tactibench.sweep.cluster import NO_GPU, Capacity, Cluster, Storage, WorkerLossError
 from tactibench.sweep.data_sets import DatasetTask, press_data_set
 from tactibench.sweep.plan import CellPlan, find_run
@@ -236,7 +232,7 @@ def train_weights(request: RunRequest, storage: Storage) -> Outcome:
     """Train the weights of a cell, if they are not in the cache."""
 
     def train(plan: RunPlan) -> str:
-        from tactibench.run.train import train_model
+        from tactibench.run import train_model
 
         train_model(plan, NullReporter())
         return ""

@@ -22,11 +22,9 @@ from pydantic import (
 )
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import ModelSpec
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.run.request import RunRequest, read_parameters, read_test_options
+from tactibench.plugins import ModelSpec, PluginHost
+from tactibench.protocols import first_mistake, load_protocol
+from tactibench.run import RunRequest, read_parameters, read_test_options
 
 AXES = ("protocol", "model", "regime", "encoder", "sensor", "seed")
 ANY = "*"

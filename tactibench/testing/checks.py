@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.parameter import Value
-from tactibench.plugins.specs import KINDS, EncoderSpec
-from tactibench.protocols.loader import load_protocol
+from tactibench.plugins import KINDS, EncoderSpec, PluginHost, Value
+from tactibench.protocols import load_protocol
 from tactibench.testing import encoder as encoder_checks
 from tactibench.testing import model as model_checks
 from tactibench.testing import sensor as sensor_checks

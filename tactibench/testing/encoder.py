@@ -8,7 +8,7 @@ import numpy as np
 
 from tactibench.contacts import Contacts, Grid
 from tactibench.errors import UserError, describe_exception
-from tactibench.plugins.base import Encoder
+from tactibench.plugins import Encoder
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, Frame, Pose
 from tactibench.errors import UserError, describe_exception
 from tactibench.images import resized
-from tactibench.plugins.fit_report import FitReport
-from tactibench.run.predict import blinded
+from tactibench.plugins import FitReport
+from tactibench.run import blinded
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.presses import changed_images, writable
 from tactibench.testing.runner import (

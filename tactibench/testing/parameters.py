@@ -7,7 +7,7 @@ from math import ceil, floor
 from typing import Any
 
 from tactibench.errors import UserError, describe_exception
-from tactibench.plugins.parameter import Parameter, Value
+from tactibench.plugins import Parameter, Value
 from tactibench.testing.runner import Failed, must_refuse
 
 Build = Callable[[Mapping[str, Value]], Any]

@@ -10,11 +10,8 @@ import numpy as np
 from tactibench.contacts import Answer, Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import plate_pose, true_contacts
-from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import draw_scenes, pressable
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Protocol
+from tactibench.plugins import PluginHost, Sensor, SensorContext
+from tactibench.protocols import Protocol, draw_scenes, load_protocol, pressable
 
 PROTOCOL = "exp1"
 """Protocol whose workspace, grid, draws, default sensor and default encoder the checks use."""

@@ -18,7 +18,7 @@ from tactibench.errors import (
     did_you_mean,
     printable,
 )
-from tactibench.plugins.failures import Owners
+from tactibench.plugins import Owners
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 EXPECTED, UNEXPECTED = "failed as expected", "passed unexpectedly"

@@ -15,7 +15,7 @@ from tactibench.channels import holds_channels
 from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
-from tactibench.plugins.specs import CHANNELS, IMAGE
+from tactibench.plugins import CHANNELS, IMAGE
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,

@@ -14,21 +14,22 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose, Scene
 from tactibench.errors import PluginError, UserError, call_plugin
-from tactibench.frames.source import spread
-from tactibench.plugins.base import (
+from tactibench.frames import spread
+from tactibench.plugins import (
+    IMAGE,
     Encoder,
+    EncoderSpec,
+    FitReport,
     Model,
     ModelContext,
+    ModelSpec,
     Sensor,
     SensorContext,
+    SensorSpec,
+    Value,
 )
-from tactibench.plugins.fit_report import FitReport
-from tactibench.plugins.parameter import Value
-from tactibench.plugins.specs import IMAGE, EncoderSpec, ModelSpec, SensorSpec
-from tactibench.protocols.draws import draw_scenes, pressable
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Protocol
-from tactibench.run.reporter import NullProgress
+from tactibench.protocols import Protocol, draw_scenes, load_protocol, pressable
+from tactibench.run import NullProgress
 from tactibench.testing.presses import (
     PROTOCOL,
     Examples,

@@ -1,3 +1,10 @@
+"""Public names of tactibench.training, and the modules that define them."""
+
+from .averaging import average_weights as average_weights
+from .averaging import measure_statistics as measure_statistics
+from .deploy import UnavailableError as UnavailableError
+from .deploy import onnx_model as onnx_model
+from .deploy import prepare_forward as prepare_forward
 from .examples import Examples as Examples
 from .examples import draw_flips as draw_flips
 from .examples import find_symmetry as find_symmetry
@@ -5,15 +12,27 @@ from .examples import flip_maps as flip_maps
 from .examples import image_tensor as image_tensor
 from .examples import relight as relight
 from .examples import resting_frames as resting_frames
+from .inference import CONFIGURATIONS as CONFIGURATIONS
+from .inference import autocast as autocast
+from .inference import fold_batch_norm as fold_batch_norm
 from .learned import LearnedModel as LearnedModel
 from .loop import train as train
 from .mixture import MixtureScale as MixtureScale
+from .mixture import count_nll as count_nll
 from .mixture import mixture_loss as mixture_loss
 from .mixture import mixture_values as mixture_values
+from .mixture import pack_contacts as pack_contacts
 from .mixture_model import MixtureModel as MixtureModel
+from .mixture_model import scale_std as scale_std
+from .mixture_model import split_calibration as split_calibration
+from .mixture_model import std_factors as std_factors
 from .mixture_reader import FAINT as FAINT
 from .mixture_reader import MixtureReader as MixtureReader
 from .mixture_reader import read_mixture as read_mixture
+from .muon import Muon as Muon
+from .muon import orthogonalise as orthogonalise
+from .precision import processor_flags as processor_flags
+from .precision import resolve_precision as resolve_precision
 from .recipe import RECIPES as RECIPES
 from .recipe import Recipe as Recipe
 from .recipe import Seeds as Seeds
@@ -25,7 +44,12 @@ from .regression import answers_from_vectors as answers_from_vectors
 from .regression import regression_rows as regression_rows
 from .targets import PlateScale as PlateScale
 from .targets import heatmaps as heatmaps
+from .targets import position_error_mm as position_error_mm
+from .weights import DamagedFileError as DamagedFileError
 from .weights import load_weights as load_weights
 from .weights import pack_image as pack_image
+from .weights import read_container as read_container
 from .weights import save_weights as save_weights
+from .weights import tensor_bytes as tensor_bytes
 from .weights import unpack_image as unpack_image
+from .weights import write_container as write_container

@@ -15,8 +15,7 @@ from torch import nn
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import Model, ModelContext, Progress, Stage
-from tactibench.plugins.fit_report import FitReport, Prior
+from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
 from tactibench.training.examples import Examples
 from tactibench.training.inference import (
     CONFIGURATIONS,

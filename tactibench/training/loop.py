@@ -19,8 +19,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from tactibench.errors import UserError
-from tactibench.plugins.base import Progress
-from tactibench.plugins.fit_report import FitReport
+from tactibench.plugins import FitReport, Progress
 from tactibench.training.averaging import average_weights, measure_statistics
 from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 from tactibench.training.examples import Examples

@@ -15,8 +15,7 @@ import torch
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.markers import AlignedSensors, Tracks
-from tactibench.plugins.base import ModelContext, Progress
-from tactibench.plugins.fit_report import FitReport
+from tactibench.plugins import FitReport, ModelContext, Progress
 from tactibench.training.learned import LearnedModel
 from tactibench.training.mixture import MixtureScale, mixture_loss, mixture_values, pack_contacts
 from tactibench.training.recipe import Recipe

@@ -11,7 +11,7 @@ import numpy as np
 from tactibench.contacts import Answer, Contacts, Grid, PlatePose
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM, plate_from_contacts
-from tactibench.plugins.base import Encoder
+from tactibench.plugins import Encoder
 
 _SHALLOWEST_MM = 0.5
 """Smallest depth of a plate on the map: its depth label may start anywhere (a robot's z)."""

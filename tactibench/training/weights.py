@@ -17,7 +17,7 @@ import torch
 from safetensors.torch import save
 
 from tactibench.errors import UserError
-from tactibench.records.files import atomic
+from tactibench.records import atomic
 
 Image = npt.NDArray[np.uint8]
 

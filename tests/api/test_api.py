@@ -11,10 +11,9 @@ import pytest
 from stored_answers import answered_parts, store_run
 
 from tactibench import UserError, api
-from tactibench.records.record import Record
-from tactibench.records.store import open_run
-from tactibench.report.table import Table
-from tactibench.run.reporter import NullReporter
+from tactibench.records import Record, open_run
+from tactibench.report import Table
+from tactibench.run import NullReporter
 
 QUICK = {"quick": True, "limit": 3, "progress": False}
 
@@ -112,7 +111,7 @@ def test_scoring_again_says_what_differs(store: Path) -> None:
 def test_a_board_is_a_frame_and_places_a_run(
     store: Path, tmp_path: Path, fabricate: Callable[..., Record]
 ) -> None:
-    from tactibench.board.submissions import add
+    from tactibench.board import add
 
     board = tmp_path / "board"
     board.mkdir()
@@ -203,8 +202,7 @@ def test_answers_that_could_not_be_scored_are_scored_by_name(
 ) -> None:
     from changed_record import changed_record
 
-    from tactibench.records.files import arrays_hash
-    from tactibench.records.store import write_answers
+    from tactibench.records import arrays_hash, write_answers
 
     parts = answered_parts(0.05)
     record = changed_record(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Grid, ModelContext
-from tactibench.run.reporter import NullProgress
+from tactibench.run import NullProgress
 
 
 @pytest.fixture

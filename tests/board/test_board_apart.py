@@ -7,21 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactibench.board.grouping import rows_of
-from tactibench.board.predictions import (
+from tactibench.board import (
+    FOLDER,
     PressErrors,
+    all_press_errors,
+    ordered,
     press_errors_of,
     ranked_errors,
+    ranks,
     read_press_errors,
 )
-from tactibench.board.ranking import ordered, ranks
-from tactibench.board.submissions import FOLDER, all_press_errors
+from tactibench.board.grouping import rows_of
 from tactibench.contacts import Contacts
 from tactibench.metrics.gospa import gospa
+from tactibench.protocols import load_protocol
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.answers import pack
-from tactibench.records.files import write_arrays
+from tactibench.records import pack, write_arrays
 
 SPEC = load_protocol("exp2").spec
 GROUPS = (

@@ -7,10 +7,19 @@ from changed_record import changed_record
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.board.curve import counts, curves, new_sensor_curves
-from tactibench.board.frontier import Point, Range, elsewhere_frontiers, frontiers, line
-from tactibench.board.grouping import row_anchor, rows_of
-from tactibench.board.ranking import ranking_error
+from tactibench.board import (
+    Point,
+    Range,
+    counts,
+    curves,
+    elsewhere_frontiers,
+    frontiers,
+    line,
+    new_sensor_curves,
+    ranking_error,
+    row_anchor,
+)
+from tactibench.board.grouping import rows_of
 
 ERROR = ranking_error("exp1")
 

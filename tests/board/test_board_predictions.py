@@ -7,9 +7,15 @@ import pytest
 from stored_answers import answered_parts, store_run
 
 from tactibench import UserError
-from tactibench.board.predictions import answers_file, read_answers_file, read_press_errors
-from tactibench.board.submissions import FOLDER, add, press_errors
-from tactibench.records.files import arrays_hash, write_arrays
+from tactibench.board import (
+    FOLDER,
+    add,
+    answers_file,
+    press_errors,
+    read_answers_file,
+    read_press_errors,
+)
+from tactibench.records import arrays_hash, write_arrays
 
 
 @pytest.fixture

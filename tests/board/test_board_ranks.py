@@ -10,13 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from tactibench.board import PressErrors, all_press_errors, ranks, read_submissions
 from tactibench.board.grouping import rows_of
-from tactibench.board.predictions import PressErrors
-from tactibench.board.ranking import ranks
-from tactibench.board.submissions import all_press_errors, read_submissions
+from tactibench.protocols import protocol_files
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import protocol_files
-from tactibench.stats.intervals import mean_interval
+from tactibench.stats import mean_interval
 
 BOARD = Path(__file__).resolve().parents[2] / "leaderboards"
 PRESSES = np.array([f"p{k:03d}" for k in range(200)])

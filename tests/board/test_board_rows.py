@@ -8,12 +8,21 @@ from changed_record import changed_record
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.board.cost import latency
+from tactibench.board import (
+    FINITE_ELEMENTS,
+    NOMINAL,
+    PERTURBED,
+    FittedFrames,
+    fitted_frames,
+    label_of,
+    latency,
+    mixing_of,
+    ordered,
+    prior_of,
+    sections_of,
+)
 from tactibench.board.grouping import rows_of
-from tactibench.board.ranking import ordered
-from tactibench.board.rows import FittedFrames, fitted_frames, label_of, mixing_of, prior_of
-from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
-from tactibench.records.record import FrameCounts, SensorId
+from tactibench.records import FrameCounts, SensorId
 
 
 def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):

@@ -11,15 +11,7 @@ import pytest
 from stored_answers import store_run
 
 from tactibench import UserError
-from tactibench.board.submissions import (
-    FOLDER,
-    add,
-    compact,
-    read_submissions,
-    refuse_twins,
-    slot,
-    text_of,
-)
+from tactibench.board import FOLDER, add, compact, read_submissions, refuse_twins, slot, text_of
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -14,18 +14,19 @@ from command_line import cli, refused  # noqa: F401 - fixtures
 from few_presses import few_presses
 from rich.console import Console
 
-from tactibench.board import times
-from tactibench.board.submissions import read_submissions
-from tactibench.board.times import Timekeeper, refuse_noise, store_times, time_models
+from tactibench.board import (
+    Timekeeper,
+    read_submissions,
+    refuse_noise,
+    store_times,
+    time_models,
+    times,
+)
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.records.record import Record
-from tactibench.records.store import StoredRun, open_run, stored_runs
-from tactibench.report.time_report import disturbance, print_times, slowdown
-from tactibench.run import load
-from tactibench.run.load import Load
-from tactibench.run.reporter import NullReporter
-from tactibench.run.timing import Speed
+from tactibench.plugins import PluginHost
+from tactibench.records import Record, StoredRun, open_run, stored_runs
+from tactibench.report import disturbance, print_times, slowdown
+from tactibench.run import Load, NullReporter, Speed, load
 
 
 @pytest.fixture

@@ -8,10 +8,11 @@ from scipy import stats
 from stored_answers import answered_parts, store_run
 
 from tactibench import UserError
-from tactibench.board.compare import compare_runs, left_out, names_of, rows_of
+from tactibench.board import compare_runs, names_of
+from tactibench.board.compare import left_out, rows_of
 from tactibench.contacts import Contacts, PlatePose
-from tactibench.records.answers import pack_contacts, pack_plates, unpack_contacts
-from tactibench.stats.paired import holm
+from tactibench.records import pack_contacts, pack_plates, unpack_contacts
+from tactibench.stats import holm
 
 
 @pytest.fixture

@@ -11,29 +11,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stubs import StubSensor
 
-from tactibench.board.limits import (
+from tactibench.board import (
     LimitRequest,
     limits_of,
     map_limits,
-    rows_of,
     separation_limit,
     spacing_summary,
     summary,
 )
+from tactibench.board.limits import rows_of
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
-from tactibench.frames.two_point_limit import D_PRIME
+from tactibench.frames import D_PRIME
 from tactibench.geometry import true_contacts
-from tactibench.report.plot_tables import (
+from tactibench.report import (
+    image_bytes,
+    limit_figure,
     limit_remarks,
     limit_table,
     micrometres,
     spacing_remarks,
     spacing_table,
+    terminal_text,
 )
-from tactibench.report.plots.limit import limit_figure
-from tactibench.report.plots.style import image_bytes
-from tactibench.report.writers.terminal import terminal_text
 
 GRID = Grid.centred(5, 2.0)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from tactibench.board import WorstFamily, worst_family
 from tactibench.board.grouping import rows_of
-from tactibench.board.overview import WorstFamily, overview, worst_family
-from tactibench.metrics.registry import FAMILIES
-from tactibench.protocols.board_spec import overview_spec
-from tactibench.protocols.loader import load_protocol
+from tactibench.board.overview import overview
+from tactibench.metrics import FAMILIES
+from tactibench.protocols import load_protocol, overview_spec
 from tactibench.report.overview_table import overview_table
 
 NAMES = [column.name for column in overview_spec().columns]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tactibench.board.trainings import compare_trainings
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.record import SensorId
+from tactibench.board import compare_trainings
+from tactibench.protocols import load_protocol
+from tactibench.records import SensorId
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
-from tactibench.scaffold.package import Names, write_package
+from tactibench.scaffold import Names, write_package
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Draft, Header, Writer, export_dataset, open_dataset, verify
-from tactibench.datasets.channels import CHANNEL_FILE
+from tactibench.datasets import (
+    CHANNEL_FILE,
+    Draft,
+    Header,
+    Writer,
+    export_dataset,
+    open_dataset,
+    verify,
+)
 
 SHAPES = [(15,), (1,), (4, 3)]
 CHANNELS = CHANNEL_FILE

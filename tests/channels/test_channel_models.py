@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from tactibench import Frame, Grid, ModelContext, Pose, UserError
-from tactibench.plugins.discovery import Origin, installed
-from tactibench.plugins.host import PluginHost
-from tactibench.run.plan import make_plan
-from tactibench.run.reporter import NullProgress
-from tactibench.run.request import RunRequest
+from tactibench.plugins import Origin, PluginHost, installed
+from tactibench.run import NullProgress, RunRequest, make_plan
 
 MODELS = {"nearest": {}, "kernel": {}, "pins": {"members": 2, "width": 64, "epochs": 60}}
 CONTEXT = ModelContext(answer="contacts", grid=Grid.centred(64, 0.75), max_depth=4.0)

@@ -14,7 +14,7 @@ from stored_answers import store_run
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.datasets import Draft, Header, Writer
-from tactibench.records.record import Record
+from tactibench.records import Record
 
 
 @pytest.fixture

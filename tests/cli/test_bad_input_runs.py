@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tactibench.cli.main import call
-from tactibench.records.store import with_checksum
+from tactibench.records import with_checksum
 
 pytestmark = pytest.mark.long
 QUICK = ("run", "exp1", "--model", "mean", "--quick", "--device", "cpu")

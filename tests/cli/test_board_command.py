@@ -10,9 +10,9 @@ import pytest
 from changed_record import changed_record
 from stored_answers import store_run
 
-from tactibench.board.submissions import compact
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.store import with_checksum
+from tactibench.board import compact
+from tactibench.protocols import load_protocol
+from tactibench.records import with_checksum
 from tactibench.shipped import shipped_folder
 
 
@@ -168,6 +168,6 @@ def test_a_protocol_without_a_board_file_shows_all_metrics_in_one_table(
 
 
 def test_a_cell_that_a_spreadsheet_would_compute_is_text():
-    from tactibench.report.board_export import board_csv
+    from tactibench.report import board_csv
 
     assert board_csv([{"model": "=1+1", "seeds": [0, 1]}]) == "model,seeds\n'=1+1,0 1\n"

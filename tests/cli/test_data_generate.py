@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tactibench.datasets import open_dataset, verify
-from tactibench.protocols.loader import protocol_files
+from tactibench.protocols import protocol_files
 
 SMALL = ("--param", "sensor.size=32")
 LINE = (

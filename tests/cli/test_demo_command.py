@@ -9,7 +9,7 @@ from asked_page import ask_page
 from demo_page import demo_page
 
 from tactibench.cli.demo import _own_options
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import protocol_files
+from tactibench.plugins import PluginHost
+from tactibench.protocols import protocol_files
 
 
 def broken(out: str) -> list[str]:

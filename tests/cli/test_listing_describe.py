@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import protocol_files
+from tactibench.plugins import PluginHost
+from tactibench.protocols import protocol_files
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.board.submissions import compact, text_of
+from tactibench.board import compact, text_of
 from tactibench.cli.plot import plot
 
 PNG = b"\x89PNG\r\n\x1a\n"

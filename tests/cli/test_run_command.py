@@ -10,8 +10,8 @@ import pytest
 
 from tactibench.cli.main import main
 from tactibench.cli.output import Terminal
-from tactibench.report.progress import ProgressLines
-from tactibench.run.reporter import NullReporter
+from tactibench.report import ProgressLines
+from tactibench.run import NullReporter
 
 RUN = "run exp1 --model nearest --quick --limit 3"
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.records.record import Record
+from tactibench.records import Record
 
 pytestmark = pytest.mark.long
 

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Contacts, UserError
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 from tactibench.testing import EncoderSubject, examine, properties, subject_of
 
 CELLS = "reads no finer than a cell"

@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from tactibench import Answer, Contacts, Frame, Model, UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.run.reporter import NullProgress
+from tactibench.plugins import PluginHost
+from tactibench.run import NullProgress
 from tactibench.testing import (
     ModelSubject,
     check,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench import Grid, Indenter, Pose, Scene, Sensor, UserError
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 from tactibench.testing import (
     Finding,
     Property,

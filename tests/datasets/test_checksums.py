@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets import Header, Writer, open_dataset
-from tactibench.datasets.checksums import CHECKSUMS
-from tactibench.datasets.schema import EVENTS, HEADER, JOURNAL, PLAN, Draft
-from tactibench.datasets.verification import verify
+from tactibench.datasets import (
+    CHECKSUMS,
+    EVENTS,
+    HEADER,
+    JOURNAL,
+    PLAN,
+    Draft,
+    Header,
+    Writer,
+    open_dataset,
+    verify,
+)
 
 
 @pytest.fixture

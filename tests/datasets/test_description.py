@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench.cli.data_info import draw_sheet
-from tactibench.datasets import open_recording
-from tactibench.datasets.description import (
+from tactibench.datasets import (
     BINS,
     changing_labels,
     describe_poses,
+    open_recording,
     spread_rows,
     summarize_labels,
     summarize_pins,

@@ -12,20 +12,24 @@ from folder_files import CLOCKED, files
 from stubs import StubSensor
 
 from tactibench import Frame, Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.datasets import generation, open_dataset, verify
-from tactibench.datasets.generation import SensorSource, generate, is_complete, sensor_source
-from tactibench.datasets.press_plan import (
+from tactibench.datasets import (
     Press,
     PressPlan,
     PressSeries,
+    SensorSource,
+    generate,
+    generation,
+    is_complete,
+    open_dataset,
     plan_of_file,
     plan_of_protocol,
+    sensor_source,
+    verify,
 )
+from tactibench.frames import FrameRecipe, open_frames
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRecipe, open_frames
-from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Protocol
+from tactibench.plugins import SensorSpec
+from tactibench.protocols import Protocol, load_protocol
 
 SHAPE = (6, 5)
 CHUNK = 7

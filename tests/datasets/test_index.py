@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets import Header, Writer, open_dataset
+from tactibench.datasets import INDEX, JOURNAL, Draft, Header, Samples, Writer, open_dataset
 from tactibench.datasets import index as index_module
-from tactibench.datasets.index import INDEX, Samples
-from tactibench.datasets.schema import JOURNAL, Draft
 
 COUNT = 12
 HEADER = Header("set", {"name": "skin"}, signal=(3,))

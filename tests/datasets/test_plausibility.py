@@ -11,11 +11,17 @@ import pytest
 from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench.datasets import ImportOptions, Recording, import_folder, open_recording
-from tactibench.datasets.plausibility import LabelReport, check_labels
-from tactibench.plugins.host import PluginHost
+from tactibench.datasets import (
+    ImportOptions,
+    LabelReport,
+    Recording,
+    check_labels,
+    import_folder,
+    open_recording,
+)
+from tactibench.plugins import PluginHost
 from tactibench.png import encode_png
-from tactibench.records.bound_spec import BoundSpec
+from tactibench.records import BoundSpec
 
 Spoil = Callable[[Pose], Pose]
 

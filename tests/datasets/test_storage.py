@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets.storage import WriterLock
-from tactibench.records.files import locked
+from tactibench.datasets import WriterLock
+from tactibench.records import locked
 
 HOLD = """
 import sys

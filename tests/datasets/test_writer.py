@@ -12,8 +12,7 @@ import pytest
 from small_data_sets import draft, header, image
 
 from tactibench import UserError
-from tactibench.datasets import Draft, Header, Writer, is_dataset, open_dataset, verify
-from tactibench.datasets.journal import Journal
+from tactibench.datasets import Draft, Header, Journal, Writer, is_dataset, open_dataset, verify
 
 PLAN = [{"id": number, "depth_mm": 0.5 * number} for number in range(5)]
 

@@ -12,8 +12,8 @@ import pytest
 
 from tactibench.cli.main import main
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import protocol_files
+from tactibench.plugins import PluginHost
+from tactibench.protocols import protocol_files
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(

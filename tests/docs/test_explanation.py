@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from documented import blocks, missing
 
-from tactibench.board.cost import machine
+from tactibench.board import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "explanation.md"

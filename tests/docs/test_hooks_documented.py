@@ -16,9 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from tactibench import Contacts, Grid, Indenter, ModelContext, Pose, Scene, SensorContext, UserError
-from tactibench.plugins import hookspecs
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.host import HOOKS, PluginHost
+from tactibench.plugins import HOOKS, Origin, PluginHost, hookspecs
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "hooks.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")

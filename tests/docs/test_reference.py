@@ -12,7 +12,7 @@ import pytest
 
 from tactibench.cli.main import VERBS
 from tactibench.errors import UserError
-from tactibench.metrics.registry import FAMILIES
+from tactibench.metrics import FAMILIES
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "docs" / "reference"
@@ -66,7 +66,7 @@ def test_every_metric_that_a_record_can_hold_is_on_the_page_and_no_other(
 ) -> None:
     from reference import metrics_page
 
-    from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.protocols import protocol_files, read_protocol
 
     can_hold = {
         name

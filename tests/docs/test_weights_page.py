@@ -11,12 +11,8 @@ import pytest
 from documented import blocks
 
 from tactibench import Indenter, Pose, Scene, SensorContext, open_sensor
-from tactibench.plugins.host import PluginHost
-from tactibench.run.plan import make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest
-from tactibench.run.train import train_model
-from tactibench.run.weights_file import export_weights
+from tactibench.plugins import PluginHost
+from tactibench.run import NullReporter, RunRequest, export_weights, make_plan, train_model
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "weights.md"
 MOST_LINES = 13

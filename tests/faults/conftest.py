@@ -9,14 +9,9 @@ from pathlib import Path
 import pytest
 from tiny_lab import Lab, tiny_host
 
-from tactibench.records.record import Record
-from tactibench.records.store import StoredRun
-from tactibench.run import evaluation
+from tactibench.records import Record, StoredRun
+from tactibench.run import NullReporter, RunPlan, RunRequest, Speed, evaluation, make_plan
 from tactibench.run.execute import execute
-from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest
-from tactibench.run.timing import Speed
 
 
 @pytest.fixture

@@ -12,13 +12,14 @@ import pytest
 from same_run import in_common
 
 from tactibench import UserError
-from tactibench.board.submissions import add
-from tactibench.records.record import Record, parse_record
-from tactibench.records.store import (
+from tactibench.board import add
+from tactibench.records import (
     PARTS,
     RECORD,
+    Record,
     StoredRun,
     open_run,
+    parse_record,
     refuse_changed,
     run_names,
 )

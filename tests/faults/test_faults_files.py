@@ -17,9 +17,17 @@ import pytest
 from same_run import in_common
 
 from tactibench.cli.main import call
-from tactibench.records.files import write_arrays, write_json
-from tactibench.records.record import Record
-from tactibench.records.store import BEFORE, PARTS, StoredRun, open_run, run_names, write_run
+from tactibench.records import (
+    BEFORE,
+    PARTS,
+    Record,
+    StoredRun,
+    open_run,
+    run_names,
+    write_arrays,
+    write_json,
+    write_run,
+)
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import pytest
 
 from tactibench import Frame, Grid, Indenter, Pose, Scene, Sensor, SensorContext
+from tactibench.frames import FrameRecipe
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRecipe
 
 SHAPE = (6, 5)
 

@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 
 from tactibench import UserError
 from tactibench.contacts import Scene
-from tactibench.frames.hard_scenes import CANDIDATES, case_scene, scene_of_depths
+from tactibench.frames import CANDIDATES, case_scene, scene_of_depths
 from tactibench.geometry import tip_depths, tip_positions, true_contacts
-from tactibench.protocols.families import NEEDS, Family, Press
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Protocol, Workspace
+from tactibench.protocols import NEEDS, Family, Press, Protocol, Workspace, load_protocol
 
 KEYS: Protocol = load_protocol("stability").spec
 SPACE: Workspace = KEYS.workspace
@@ -63,8 +61,8 @@ def test_nothing_presses_an_empty_frame() -> None:
 
 
 def test_plain_presses_are_those_that_exp1_could_have_drawn() -> None:
-    from tactibench.frames.matching import could_be_drawn
-    from tactibench.protocols.draws import fits
+    from tactibench.frames import could_be_drawn
+    from tactibench.protocols import fits
 
     exp1 = load_protocol("exp1").spec
     made = [scene("plain", 0, k) for k in range(50)]

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from tactibench.frames import faults
-from tactibench.frames.faults import FAULTS, label_pins
-from tactibench.protocols.families import Fault
+from tactibench.frames import FAULTS, faults, label_pins
+from tactibench.protocols import Fault
 
 Image = npt.NDArray[np.uint8]
 NOTHING = {name: 1.0 if name == "gain" else 0.0 for name in FAULTS}

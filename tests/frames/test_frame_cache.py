@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
+from tactibench.frames import FrameRecipe, count_missing, folder_of, is_cached, open_frames
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRecipe, count_missing, folder_of, is_cached, open_frames
 
 RequestOf = Callable[..., FrameRecipe]
 

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench.frames.cache import CHUNK, FrameRecipe, _as_json, open_frames
+from tactibench.frames import FrameRecipe, open_frames
+from tactibench.frames.cache import _as_json
 from tactibench.geometry import true_contacts
-from tactibench.records.identity import digest
+from tactibench.protocols import CHUNK
+from tactibench.records import digest
 
 RequestOf = Callable[..., FrameRecipe]
 

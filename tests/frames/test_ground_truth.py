@@ -11,8 +11,7 @@ import pytest
 from stubs import StubSensor
 
 from tactibench import Grid, SensorContext
-from tactibench.frames.cache import FrameRecipe, open_frames
-from tactibench.frames.ground_truth import true_bounds, true_surfaces
+from tactibench.frames import FrameRecipe, open_frames, true_bounds, true_surfaces
 
 GRID = Grid.centred(8, 0.4)
 RequestOf = Callable[..., FrameRecipe]

@@ -10,10 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.frames.matching import could_be_drawn, match
-from tactibench.frames.recorded import divide_by_parts
-from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.loader import load_protocol
+from tactibench.frames import could_be_drawn, divide_by_parts, match
+from tactibench.protocols import draw_scenes, load_protocol
 
 EXP1, EXP2, EXP3 = (load_protocol(name).spec for name in ("exp1", "exp2", "exp3"))
 SINGLE = Scene(Indenter.single(), Pose(1.0, 2.0, depth=3.0))

@@ -11,14 +11,7 @@ from stubs import StubSensor
 
 from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.errors import UserError
-from tactibench.frames.two_point_limit import (
-    D_PRIME,
-    FALSELY_SEEN,
-    PRESSES,
-    SEEN,
-    sampled_limits,
-    spacing_limit,
-)
+from tactibench.frames import D_PRIME, FALSELY_SEEN, PRESSES, SEEN, sampled_limits, spacing_limit
 from tactibench.geometry import tip_positions
 
 

@@ -13,7 +13,7 @@ from stubs import StubModel
 
 from tactibench import Contacts, Frame, Grid, SensorContext, open_sensor
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench.live.press import PressSession, Subject
+from tactibench.live import PressSession, Subject
 
 GRID = Grid.centred(64, 0.4)
 

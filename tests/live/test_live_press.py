@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, UserError
-from tactibench.live.press import MOST_TIPS, PressRequest
+from tactibench.live import MOST_TIPS, PressRequest
 
 USUAL = {"tips": [[1.0, -2.0]], "depth": 1.5, "radius": 3.0}
 

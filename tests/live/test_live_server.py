@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.live.server import MOST_BYTES, MOST_CONNECTIONS, LocalServer
+from tactibench.live import MOST_BYTES, MOST_CONNECTIONS, LocalServer
 
 JSON = {"Content-Type": "application/json"}
 

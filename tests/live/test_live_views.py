@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, PlatePose
-from tactibench.live import AnswerView, FrameView, describe_prediction, has_contact
-from tactibench.live.views import contact_errors, pack
+from tactibench.live import (
+    AnswerView,
+    FrameView,
+    contact_errors,
+    describe_prediction,
+    has_contact,
+    pack,
+)
 
 ONE = Contacts.truth([[1.0, 2.0]], [1.5])
 TWO = Contacts.truth([[1.0, 2.0], [-4.0, 0.0]], [1.5, 2.0])

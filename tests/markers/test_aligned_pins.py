@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactibench import Frame, Pose, UserError
-from tactibench.frames.faults import FAULTS
+from tactibench.frames import FAULTS
 from tactibench.markers import AlignedPins, AlignedSensors, PinTracker, Similarity
 
 SIZE = 200

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench.markers import common_lattice, common_view, kriging_weights
-from tactibench.markers.common_view import REACH, Outline
+from tactibench.markers import REACH, Outline, common_lattice, common_view, kriging_weights
 
 RING = np.array(
     [

@@ -219,7 +219,7 @@ def test_refinements_are_named(sketch, hexagon) -> None:
 
 @pytest.mark.long
 def test_simulated_pins_are_found_to_a_hundredth_of_a_pixel() -> None:
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
 
     sensor = PluginHost().sensors["tactip-127"].load()(SensorContext(np.random.SeedSequence(1)))
     presses = [

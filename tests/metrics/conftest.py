@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts
-from tactibench.metrics.trials import Trials
+from tactibench.metrics import Trials
 
 
 def some_contacts(rng, count, spread=6.0):

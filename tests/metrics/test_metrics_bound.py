@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts
+from tactibench.metrics import Trials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
 
 
 def trials(bound: Any) -> Trials:

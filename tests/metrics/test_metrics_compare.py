@@ -5,8 +5,7 @@ import pytest
 
 from tactibench import UserError
 from tactibench.contacts import PlatePose
-from tactibench.metrics.compare import press_means, press_shares
-from tactibench.metrics.trials import PlateTrials
+from tactibench.metrics import PlateTrials, press_means, press_shares
 
 
 def test_values_are_means_of_each_press(kinds):

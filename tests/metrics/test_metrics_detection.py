@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts
-from tactibench.metrics.detection import sensitivity
+from tactibench.metrics import Trials, sensitivity
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
-from tactibench.stats.bca import bca_interval
+from tactibench.stats import bca_interval
 
 z = NormalDist().inv_cdf
 

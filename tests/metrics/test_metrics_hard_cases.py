@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import Contacts, UserError
-from tactibench.metrics.hard_cases import ospa
+from tactibench.metrics import NOT_FINITE, RAISED, Trials, ospa
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
-from tactibench.protocols.families import Axis, case, family_of
-from tactibench.records.record import Metric
+from tactibench.protocols import Axis, case, family_of
+from tactibench.records import Metric
 
 AXIS = Axis("shift", "camera", "px", "rising", 0.0, (1.0, 2.0), "plain:0")
 EMPTY = Axis("empty", "nothing", "", "unordered", None, (0.0,), "")

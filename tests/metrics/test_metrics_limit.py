@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 
 from tactibench.contacts import Contacts
+from tactibench.metrics import Trials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
-from tactibench.stats.ranks import median_by_ranks
+from tactibench.stats import median_by_ranks
 
 
 @pytest.mark.parametrize(("n", "low", "high"), [(6, 1, 6), (10, 2, 9), (20, 6, 15), (40, 14, 27)])

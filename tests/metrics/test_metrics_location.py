@@ -6,8 +6,8 @@ from sklearn.metrics import mean_absolute_error, mean_squared_error, r2_score
 
 from tactibench import UserError
 from tactibench.contacts import Contacts
+from tactibench.metrics import Trials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
 
 
 def values(names, trials):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench.contacts import Contacts
-from tactibench.metrics.matching import match, match_trials, runs
+from tactibench.metrics import match, match_trials, runs
 
 
 def best_cost(truth, predicted, gate, power=1):

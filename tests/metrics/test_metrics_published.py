@@ -7,9 +7,8 @@ import pytest
 from scipy import stats
 
 from tactibench import PlatePose
-from tactibench.metrics.plate import PUBLISHED_NAMES
+from tactibench.metrics import PUBLISHED_NAMES, PlateTrials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import PlateTrials
 
 
 def plates(depth, tilt):

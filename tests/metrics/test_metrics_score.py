@@ -9,10 +9,8 @@ import pytest
 
 from tactibench import UserError
 from tactibench.contacts import Contacts, PlatePose
-from tactibench.metrics.plate import PUBLISHED_NAMES
-from tactibench.metrics.registry import FAMILIES, all_metrics
+from tactibench.metrics import FAMILIES, PUBLISHED_NAMES, PlateTrials, Trials, all_metrics
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import PlateTrials, Trials
 
 AXES = ["x", "y", "z", "mean"]
 EXP1 = {

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tactibench import UserError
 from tactibench.contacts import Contacts
+from tactibench.metrics import Trials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
 
 NAMES = ["distance_mae_mm", "distance_penalised_mm", "resolved", "orientation_mae_deg"]
 

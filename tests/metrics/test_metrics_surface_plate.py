@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts, Grid, PlatePose
+from tactibench.metrics import PlateTrials, Trials, surface_floor
 from tactibench.metrics.score import score
-from tactibench.metrics.surface import surface_floor
-from tactibench.metrics.trials import PlateTrials, Trials
 
 PLATE = ["depth_mae_mm", "tilt_mae_deg", "coverage"]
 

@@ -10,9 +10,16 @@ from scipy.optimize import minimize
 from scipy.special import expit, logit, xlogy
 from sklearn.isotonic import IsotonicRegression
 
-from tactibench.metrics.crossing import crossing, interpolated_threshold, isotonic_shares
+from tactibench.metrics import (
+    MISFIT,
+    MOST_LAPSES,
+    checked_threshold,
+    fit_threshold,
+    interpolated_threshold,
+    isotonic_shares,
+)
+from tactibench.metrics.crossing import crossing
 from tactibench.metrics.score import score
-from tactibench.metrics.threshold import MISFIT, MOST_LAPSES, checked_threshold, fit_threshold
 
 DISTANCES = np.arange(6.5, 12.01, 0.5)
 

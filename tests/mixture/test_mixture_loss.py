@@ -11,8 +11,7 @@ import torch
 from scipy import stats
 
 from tactibench import Contacts
-from tactibench.training import MixtureScale, mixture_loss, mixture_values
-from tactibench.training.mixture import count_nll, pack_contacts
+from tactibench.training import MixtureScale, count_nll, mixture_loss, mixture_values, pack_contacts
 
 SCALE = MixtureScale(reach_mm=3.0, max_depth_mm=6.0)
 DOUBLE = torch.float64

@@ -8,8 +8,7 @@ import torch
 
 from tactibench import UserError
 from tactibench.markers import PinTracker
-from tactibench.training import flip_maps, torch_seed
-from tactibench.training.inference import fold_batch_norm
+from tactibench.training import flip_maps, fold_batch_norm, torch_seed
 from tactibench_mixture import architecture
 from tactibench_mixture.architecture import MixtureNetwork
 from tactibench_mixture.displacement import DisplacementField

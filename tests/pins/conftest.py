@@ -7,7 +7,7 @@ import pytest
 from drawn_pins import presses
 
 from tactibench import Grid, ModelContext
-from tactibench.run.reporter import NullProgress
+from tactibench.run import NullProgress
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import common_lattice
-from tactibench.run.reporter import NullProgress
+from tactibench.run import NullProgress
 from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins
 from tactibench_pins.transfer import LENGTHS, RIDGES, SHARE, Correction, Differences

@@ -12,7 +12,7 @@ from textwrap import dedent
 import pytest
 from fake_distribution import fake_distribution
 
-from tactibench.plugins.host import Problem
+from tactibench.plugins import Problem
 
 HEADER = "from tactibench import *\n"
 

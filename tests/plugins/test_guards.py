@@ -20,7 +20,7 @@ from tactibench.errors import (
     is_interruption,
     printable,
 )
-from tactibench.plugins.host import HookTimeoutError, time_limit
+from tactibench.plugins import HookTimeoutError, time_limit
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,8 @@ import pytest
 from stubs import StubSensor
 
 from tactibench import Parameter, SensorContext, SensorSpec, UserError, open_sensor
-from tactibench.plugins import hookspecs
+from tactibench.plugins import HOOKS, Origin, PluginHost, hookspecs, installed
 from tactibench.plugins import host as host_module
-from tactibench.plugins.discovery import Origin, installed
-from tactibench.plugins.host import HOOKS, PluginHost
 
 GOOD = """
 @hookimpl

@@ -19,8 +19,8 @@ from tactibench import (
     UserError,
     training_parameters,
 )
-from tactibench.plugins.discovery import Origin
-from tactibench.records.bound_spec import BoundSpec
+from tactibench.plugins import Origin
+from tactibench.records import BoundSpec
 
 WIDTH = Parameter("width", 16, "channels", low=1, high=64)
 RATE = Parameter("rate", 0.5, "a rate")

@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts
+from tactibench.metrics import Trials
 from tactibench.metrics.score import score
-from tactibench.metrics.trials import Trials
-from tactibench.stats.bca import bca_interval, r_squared
-from tactibench.stats.clusters import cluster_codes
-from tactibench.stats.intervals import (
+from tactibench.stats import (
+    bca_interval,
+    cluster_codes,
     mean_interval,
     positive_mean_interval,
+    r_squared,
     rate_interval,
     ratio_interval,
     rms_interval,
     share_interval,
+    sign_flip_p,
 )
-from tactibench.stats.paired import sign_flip_p
 
 PRESS = np.arange(8)
 INTERVALS: dict[str, Callable[[Any], Any]] = {

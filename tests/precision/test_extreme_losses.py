@@ -10,9 +10,8 @@ import pytest
 import torch
 
 from tactibench import Grid, ModelContext
-from tactibench.plugins.host import PluginHost
-from tactibench.training import MixtureScale, mixture_loss, mixture_values
-from tactibench.training.mixture import count_nll
+from tactibench.plugins import PluginHost
+from tactibench.training import MixtureScale, count_nll, mixture_loss, mixture_values
 
 GRID = Grid.centred(16, 1.6)
 HUGE = 1e4

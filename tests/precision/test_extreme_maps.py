@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from tactibench import Contacts, Grid, UserError
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 
 GRID = Grid.centred(32, 0.8)
 EDGE = GRID.axes()[0][-1]

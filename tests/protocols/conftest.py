@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols import LoadedProtocol, protocol_files, read_protocol
 
 Tables = dict[str, Any]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.metrics.registry import FAMILIES, find_metric
-from tactibench.protocols.board_spec import BoardSpec, board_spec, read_board_spec
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.metrics import FAMILIES, find_metric
+from tactibench.protocols import BoardSpec, protocol_files, read_board_spec, read_protocol
+from tactibench.protocols.board_spec import board_spec
 
 PROTOCOLS = sorted(protocol_files())
 TABLE = '[[blocks]]\ntitle = "Error"\ncolumns = [{}]\n'

@@ -12,9 +12,7 @@ from scipy.spatial.distance import pdist
 
 from tactibench import Scene, UserError
 from tactibench.geometry import true_contacts
-from tactibench.protocols.draws import PATIENCE, SceneSet, draw_scenes, fits
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Protocol
+from tactibench.protocols import PATIENCE, Protocol, SceneSet, draw_scenes, fits, load_protocol
 
 EXPERIMENTS = {name: load_protocol(name).spec for name in ("exp1", "exp2", "exp3")}
 DRAWS = {(name, draw.name) for name, spec in EXPERIMENTS.items() for draw in spec.draws}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tactibench import UserError
-from tactibench.protocols.loader import load_protocol, protocol_files
+from tactibench.protocols import load_protocol, protocol_files
 
 KEYS = load_protocol("stability").spec
 

@@ -9,9 +9,8 @@ import pytest
 
 from tactibench import Contacts
 from tactibench.geometry import tip_positions, true_contacts
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import SceneSet, draw_scenes
-from tactibench.protocols.loader import load_protocol, protocol_files, read_protocol
+from tactibench.plugins import PluginHost
+from tactibench.protocols import SceneSet, draw_scenes, load_protocol, protocol_files, read_protocol
 
 SPEC = load_protocol("fine").spec
 TESTED, TRAINED = (set(SPEC.draw(name).distances_mm) for name in ("pairs", "duals-train"))

@@ -10,8 +10,7 @@ import pytest
 
 from tactibench import UserError, Workspace
 from tactibench.geometry import true_contacts
-from tactibench.protocols.draws import draw_scenes, pressable
-from tactibench.protocols.loader import load_protocol
+from tactibench.protocols import draw_scenes, load_protocol, pressable
 
 KEYS = load_protocol("exp3").spec
 

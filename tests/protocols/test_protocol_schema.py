@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tactibench import UserError
-from tactibench.metrics.registry import check_metrics
-from tactibench.protocols.loader import (
+from tactibench.metrics import check_metrics
+from tactibench.protocols import (
     LoadedProtocol,
+    Protocol,
+    first_mistake,
     load_protocol,
     protocol_files,
     protocol_titles,
     read_protocol,
 )
-from tactibench.protocols.mistakes import first_mistake
-from tactibench.protocols.schema import Protocol
 
 Read = Callable[[dict[str, Any]], LoadedProtocol]
 

@@ -11,10 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import SensorContext, UserError
-from tactibench.frames.recorded import published_frames
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.schema import Recorded, Split
-from tactibench.protocols.split import PressSplit, split_presses, split_recorded
+from tactibench.frames import published_frames
+from tactibench.protocols import (
+    PressSplit,
+    Recorded,
+    Split,
+    load_protocol,
+    split_presses,
+    split_recorded,
+)
 
 SHARED = Path(__file__).parents[3] / "shared/data/tac-vgnn"
 REAL = Path(os.environ.get("TACTIBENCH_TACVGNN", SHARED))

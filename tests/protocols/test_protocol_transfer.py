@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.protocols.draws import draw_plates, draw_shots
-from tactibench.protocols.loader import LoadedProtocol, load_protocol, protocol_files
+from tactibench.protocols import (
+    LoadedProtocol,
+    draw_plates,
+    draw_shots,
+    load_protocol,
+    protocol_files,
+)
 
 Read = Callable[[dict[str, Any]], LoadedProtocol]
 

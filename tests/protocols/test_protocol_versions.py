@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.protocols.loader import (
+from tactibench.protocols import (
     archived_files,
     load_protocol,
     name_of,

@@ -14,12 +14,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tactibench import UserError
-from tactibench.protocols.published import (
-    PublishedTable,
-    load_published,
-    published_names,
-    rows_for,
-)
+from tactibench.protocols import PublishedTable, load_published, published_names, rows_for
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "leaderboards" / "published"

@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Draft, Header, ImportOptions, Writer, import_folder, open_dataset
-from tactibench.datasets.splits import Split, write_split
+from tactibench.datasets import (
+    Draft,
+    Header,
+    ImportOptions,
+    Split,
+    Writer,
+    import_folder,
+    open_dataset,
+    write_split,
+)
 
 
 def image(index):

@@ -217,9 +217,9 @@ def test_public_recordings(tac_vgnn, open_recording, name, size):
 
 def test_trust_in_labels_is_part_of_frames_only_where_it_is_given() -> None:
     """The default refuses and changes no frame: recordings of before keep their identity."""
-    from tactibench.frames.source import sensor_identity
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.bound_spec import BoundSpec
+    from tactibench.frames import sensor_identity
+    from tactibench.plugins import PluginHost
+    from tactibench.records import BoundSpec
 
     sensors = PluginHost().sensors
     usual = BoundSpec.named(sensors, "recorded", {})

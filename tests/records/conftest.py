@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench.records.files import arrays_hash
-from tactibench.records.record import Record
-from tactibench.records.store import PARTS, Arrays
+from tactibench.records import PARTS, Arrays, Record, arrays_hash
 
 
 def row(metric: str, group: str = "all", value: float | None = 0.5, **more: Any) -> dict[str, Any]:

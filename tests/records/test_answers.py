@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tactibench import Contacts, PlatePose
-from tactibench.records.answers import pack, unpack_contacts, unpack_plates
+from tactibench.records import pack, unpack_contacts, unpack_plates
 
 FINITE = st.floats(-100, 100)
 

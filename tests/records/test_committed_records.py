@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.board.submissions import compact
-from tactibench.records.record import make_signature, parse_record
-from tactibench.records.store import CHECKSUM, with_checksum
+from tactibench.board import compact
+from tactibench.records import CHECKSUM, make_signature, parse_record, with_checksum
 
 SUBMISSIONS = Path(__file__).parents[2] / "leaderboards" / "submissions"
 FILES = sorted(SUBMISSIONS.glob("*/*.json"))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tactibench import UserError
-from tactibench.records.files import (
+from tactibench.records import (
     arrays_hash,
     atomic,
     parse_json,

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.records.cache import VARIABLE, cache_folder
-from tactibench.records.identity import (
+from tactibench.records import (
+    VARIABLE,
+    cache_folder,
     canonical,
     code_commit,
     code_hash,

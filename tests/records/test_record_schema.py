@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tactibench import UserError
-from tactibench.records.record import parse_record
+from tactibench.records import parse_record
 
 
 def test_a_good_record_is_read(values: dict[str, Any]) -> None:

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.records import store as module
-from tactibench.records.record import Record
-from tactibench.records.store import (
+from tactibench.records import (
     BEFORE,
     PARTS,
     Arrays,
+    Record,
     open_run,
     readable_run,
     stored_runs,
     write_run,
 )
+from tactibench.records import store as module
 
 Parts = dict[str, Arrays]
 

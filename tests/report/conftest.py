@@ -14,11 +14,9 @@ from command_line import cli, refused  # noqa: F401 - fixtures
 from report_material import HOSTILE, hostile_record, store_of
 from rich.console import Console
 
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.published import PublishedTable, load_published
-from tactibench.records.record import Metric, Record
-from tactibench.report.html.report_data import ReportBoard, ReportData, gather
-from tactibench.report.run_report import print_run
+from tactibench.protocols import PublishedTable, load_protocol, load_published
+from tactibench.records import Metric, Record
+from tactibench.report import ReportBoard, ReportData, gather, print_run
 
 
 @pytest.fixture(scope="session")
@@ -35,7 +33,7 @@ def made_store(
 @pytest.fixture(scope="session")
 def page_of() -> Callable[[ReportData], str]:
     pytest.importorskip("jinja2", reason="the HTML report needs tactibench[report]")
-    from tactibench.report.html.page import report_page
+    from tactibench.report import report_page
 
     return report_page
 

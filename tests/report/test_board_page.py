@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.board.submissions import FOLDER, compact, text_of
-from tactibench.metrics.registry import FAMILIES
+from tactibench.board import FOLDER, compact, text_of
+from tactibench.metrics import FAMILIES
+from tactibench.protocols import load_protocol, load_published, protocol_files
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import load_protocol, protocol_files
-from tactibench.protocols.published import load_published
-from tactibench.report.board_export import tidy_rows
-from tactibench.report.board_page import board_page, page_files
+from tactibench.report import page_files, tidy_rows
+from tactibench.report.board_page import board_page
 
 ROOT = Path(__file__).resolve().parents[2]
 MAIN = "Error, and off the nominal sensor"

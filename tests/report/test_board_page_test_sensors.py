@@ -5,18 +5,21 @@ from __future__ import annotations
 import pytest
 from changed_record import changed_record
 
-from tactibench.board.grouping import trained_for
-from tactibench.board.rows import measured_on
-from tactibench.board.sections import (
+from tactibench.board import (
+    FOLDER,
     NOMINAL,
     PERTURBED,
     TESTED,
+    compact,
     gather_records,
+    measured_on,
     sections_of,
     select_section,
+    slot,
+    text_of,
+    trained_for,
 )
-from tactibench.board.submissions import FOLDER, compact, slot, text_of
-from tactibench.protocols.loader import load_protocol
+from tactibench.protocols import load_protocol
 from tactibench.report.board_page import board_page
 
 REFERENCE = {

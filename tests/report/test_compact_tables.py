@@ -7,10 +7,18 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.report.document import Group, prose
-from tactibench.report.html.compact import compact, compact_blocks, named_briefly
-from tactibench.report.numbers import fixed
-from tactibench.report.table import Column, Number, Text, table
+from tactibench.report import (
+    Column,
+    Group,
+    Number,
+    Text,
+    compact,
+    compact_blocks,
+    fixed,
+    named_briefly,
+    prose,
+)
+from tactibench.report.table import table
 from tactibench.report.writers.html import html
 
 WHO = Column("model", who=True)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from tactibench.board.compare import Comparison, MetricComparison
-from tactibench.report.compare_report import comparison_table
-from tactibench.stats.intervals import Estimate
+from tactibench.board import Comparison, MetricComparison
+from tactibench.report import comparison_table
+from tactibench.stats import Estimate
 
 ROW = MetricComparison(
     metric="mae_mm",

@@ -11,18 +11,24 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from tactibench.board import family_errors
 from tactibench.board.grouping import rows_of
-from tactibench.board.hard_cases import family_errors
-from tactibench.metrics.registry import FAMILIES
+from tactibench.metrics import FAMILIES
+from tactibench.protocols import load_protocol
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.record import Cause, Failures, Metric, Record
+from tactibench.records import Cause, Failures, Metric, Record
+from tactibench.report import (
+    case_frames_figure,
+    doubling_figure,
+    doubling_number,
+    doubling_table,
+    hard_case_blocks,
+    image_bytes,
+    print_run,
+    share_of_cases,
+    stability_figure,
+)
 from tactibench.report.board_page import board_page
-from tactibench.report.hard_cases import doubling_number, doubling_table, hard_case_blocks
-from tactibench.report.plots.doubling import doubling_figure, share_of_cases
-from tactibench.report.plots.stability import case_frames_figure, stability_figure
-from tactibench.report.plots.style import image_bytes
-from tactibench.report.run_report import print_run
 
 PROTOCOL = load_protocol("stability")
 AXES = PROTOCOL.spec.axes

@@ -18,39 +18,51 @@ from matplotlib.image import imread
 from report_material import DISTANCES, exp2_metrics
 from scipy.optimize import minimize
 
-from tactibench.board.curve import Curve, Step, curves
-from tactibench.board.frontier import frontiers
+from tactibench.board import (
+    Curve,
+    PooledMetric,
+    Row,
+    Step,
+    curves,
+    frontiers,
+    ranking_error,
+    sections_of,
+)
 from tactibench.board.grouping import rows_of
-from tactibench.board.ranking import ranking_error
-from tactibench.board.rows import PooledMetric, Row
-from tactibench.board.sections import sections_of
 from tactibench.contacts import Contacts, Grid
-from tactibench.metrics.threshold import fit_threshold
-from tactibench.protocols.published import load_published, published_means
-from tactibench.records.record import Metric, Record
-from tactibench.report.plot_tables import frontier_table
-from tactibench.report.plots import style
-from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
-from tactibench.report.plots.distance import (
+from tactibench.metrics import fit_threshold
+from tactibench.protocols import load_published, published_means
+from tactibench.records import Metric, Record
+from tactibench.report import (
+    MODELS,
+    NEW_SENSOR,
+    FrameExample,
+    Prediction,
     Series,
     by_distance,
+    curve_figure,
     distance_figure,
     distance_series,
-    fitted_series,
-    logistic_fit,
-    threshold_figure,
-)
-from tactibench.report.plots.frames import (
+    extent,
     features_figure,
+    fitted_series,
     frame_figure,
+    frontier_figure,
+    frontier_table,
+    histogram_edge,
+    image_bytes,
+    logistic_fit,
+    model_look,
+    off_nominal,
+    relief_figure,
+    row_looks,
+    save_png,
+    single_figure,
+    threshold_figure,
+    triple_figure,
     worst_frames_figure,
 )
-from tactibench.report.plots.frontier import frontier_figure, off_nominal
-from tactibench.report.plots.marks import FrameExample, extent
-from tactibench.report.plots.relief import relief_figure
-from tactibench.report.plots.single import histogram_edge, single_figure
-from tactibench.report.plots.style import MODELS, image_bytes, model_look, row_looks, save_png
-from tactibench.report.plots.triple import Prediction, triple_figure
+from tactibench.report.plots import style
 
 TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")
 GRID = Grid.centred(64, 0.4)

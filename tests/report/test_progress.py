@@ -8,8 +8,8 @@ import threading
 import pytest
 from rich.console import Console
 
-from tactibench.report.progress import INTERVAL_S, ProgressBars, ProgressLines, progress_on
-from tactibench.run.reporter import NullReporter
+from tactibench.report import INTERVAL_S, ProgressBars, ProgressLines, progress_on
+from tactibench.run import NullReporter
 
 
 class Clock:

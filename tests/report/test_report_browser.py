@@ -33,7 +33,7 @@ def files(tmp_path_factory, page_of, report_data, hostile):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory, report_data):
-    from tactibench.report.html.page import site_pages
+    from tactibench.report import site_pages
 
     folder = tmp_path_factory.mktemp("site")
     for name, text in site_pages(report_data):

@@ -10,9 +10,8 @@ from report_material import contact_parts, store_of
 from stored_answers import store_run
 
 from tactibench import UserError
-from tactibench.board.predictions import ranked_errors
-from tactibench.board.submissions import add
-from tactibench.report.html.report_data import gather
+from tactibench.board import add, ranked_errors
+from tactibench.report import gather
 
 ROOT = Path(__file__).resolve().parents[2]
 

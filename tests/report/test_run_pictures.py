@@ -7,11 +7,10 @@ import os
 import pytest
 from tiny_lab import Lab, tiny_commands
 
-from tactibench.board.rows import label_of
+from tactibench.board import label_of
 from tactibench.cli.main import call
-from tactibench.records.store import RECORD, stored_runs
-from tactibench.report.plots.run_pictures import draw_pictures, update_pictures
-from tactibench.report.plots.style import new_figure
+from tactibench.records import RECORD, stored_runs
+from tactibench.report import draw_pictures, new_figure, update_pictures
 
 pytestmark = pytest.mark.long
 

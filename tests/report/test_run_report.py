@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from tactibench.protocols.board_spec import board_spec
-from tactibench.records.record import AdaptedSensor
-from tactibench.report.run_report import labels_line, partial_line
-from tactibench.report.table import metric_number
+from tactibench.records import AdaptedSensor
+from tactibench.report import labels_line, metric_number, partial_line
 
 PROTOCOLS = ["exp1", "exp2", "exp3", "surface"]
 

@@ -10,18 +10,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from tactibench.board.placement import Placement
-from tactibench.board.ranking import ranking_error
-from tactibench.board.rows import Row
-from tactibench.records.record import Metric, Record
-from tactibench.report.run_summary import (
-    TERMS,
-    anchor,
-    misses_line,
-    place_line,
-    print_summary,
-    speed_line,
-)
+from tactibench.board import Placement, Row, ranking_error
+from tactibench.records import Metric, Record
+from tactibench.report import TERMS, anchor, misses_line, place_line, print_summary, speed_line
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = Path("runs/somewhere")

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from changed_record import changed_record
 
-from tactibench.records.store import StoredRun
-from tactibench.report.plots.run_pictures import runs_beside
+from tactibench.records import StoredRun
+from tactibench.report import runs_beside
 
 ASKED = {
     "identity.test_frames": ["f"],

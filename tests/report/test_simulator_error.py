@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.record import Record, SimulatorError
+from tactibench.protocols import load_protocol
+from tactibench.records import Record, SimulatorError
+from tactibench.report import error_line, first_line
 from tactibench.report.board_page import board_page
-from tactibench.report.simulator_error import error_line, first_line
 
 NUMBERS = {"median_mm": 0.0792, "p95_mm": 0.1532, "max_mm": 0.2208}
 NOTHING = dict.fromkeys(NUMBERS)

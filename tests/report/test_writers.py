@@ -13,15 +13,33 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_material import HOSTILE
 
-from tactibench.report import numbers
-from tactibench.report.document import Bullets, Fold, Heading, Paragraph, Prose
-from tactibench.report.numbers import duration, fixed, number, significant
-from tactibench.report.table import Caption, Column, Number, Table, Text, table
-from tactibench.report.writers.csv import csv_text
-from tactibench.report.writers.html import html, table_html
-from tactibench.report.writers.latex import latex_text
-from tactibench.report.writers.markdown import code, escape, markdown, table_lines
-from tactibench.report.writers.terminal import terminal_text
+from tactibench.report import (
+    Bullets,
+    Caption,
+    Column,
+    Fold,
+    Heading,
+    Number,
+    Paragraph,
+    Prose,
+    Table,
+    Text,
+    code,
+    csv_text,
+    duration,
+    escape,
+    fixed,
+    latex_text,
+    markdown,
+    number,
+    numbers,
+    significant,
+    table_html,
+    table_lines,
+    terminal_text,
+)
+from tactibench.report.table import table
+from tactibench.report.writers.html import html
 
 CELLS = {
     "number": Number(0.0512, fixed(3)),

@@ -12,13 +12,10 @@ from briefly import time_briefly
 from few_presses import few_presses
 
 from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.host import Catalogue
-from tactibench.records.store import StoredRun
+from tactibench.plugins import Catalogue, Origin
+from tactibench.records import StoredRun
+from tactibench.run import NullReporter, RunPlan, RunRequest, make_plan
 from tactibench.run.execute import execute
-from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest
 
 ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
 

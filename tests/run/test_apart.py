@@ -11,15 +11,10 @@ import numpy as np
 import pytest
 
 from tactibench.metrics.gospa import gospa
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.store import StoredRun
-from tactibench.report.plots.run_pictures import RunArrays
-from tactibench.run.evaluation import TestFrames
-from tactibench.run.plan import RunPlan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import TestOptions
-from tactibench.run.score import rescore
+from tactibench.protocols import load_protocol
+from tactibench.records import StoredRun, unpack_contacts
+from tactibench.report import RunArrays
+from tactibench.run import NullReporter, RunPlan, TestFrames, TestOptions, rescore
 
 MAIN, BETWEEN, UNEVEN, UNSEEN = 2 * 12 + 4, 11, 8, 2 * 12
 """Test frames of a run: pairs with catch trials, and those that are scored apart."""

@@ -10,20 +10,21 @@ import pytest
 from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.run import configurations as configurations_module
-from tactibench.run import latency, timing
-from tactibench.run.configurations import (
+from tactibench.run import (
     Configuration,
+    Difference,
+    LatencySample,
+    Load,
     compare_configurations,
     fastest,
+    latency,
     metric_rows,
     race,
     race_steps,
+    time_model,
+    timing,
 )
-from tactibench.run.difference import Difference
-from tactibench.run.latency import LatencySample
-from tactibench.run.load import Load
-from tactibench.run.timing import time_model
+from tactibench.run import configurations as configurations_module
 
 pytestmark = pytest.mark.long
 

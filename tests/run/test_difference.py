@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import Contacts, PlatePose
-from tactibench.run.difference import Difference, compare, mean_error_mm
+from tactibench.run import Difference, compare, mean_error_mm
 
 
 def at(*points: tuple[float, float, float]) -> Contacts:

@@ -7,13 +7,7 @@ import pytest
 from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.run.examples import (
-    CHANNELS,
-    EXAMPLES,
-    example_arrays,
-    pack_features,
-    unpack_features,
-)
+from tactibench.run import CHANNELS, EXAMPLES, example_arrays, pack_features, unpack_features
 
 
 class Shows(StubModel):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.answers import pack_contacts
-from tactibench.records.record import Metric, Record, _broken_invariants
-from tactibench.run.score import score_arrays
+from tactibench.protocols import load_protocol
+from tactibench.records import Metric, Record, pack_contacts
+from tactibench.records.record import _broken_invariants
+from tactibench.run import score_arrays
 
 Answers = list[Contacts]
 RNG = np.random.default_rng(21)

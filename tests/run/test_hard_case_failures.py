@@ -9,15 +9,16 @@ import pytest
 from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.board.predictions import check_answers
-from tactibench.records.answers import pack
-from tactibench.run.hard_cases import (
+from tactibench.board import check_answers
+from tactibench.records import pack
+from tactibench.run import (
+    AnswerRules,
     Failure,
     failure_arrays,
     failures_record,
+    predict_frames,
     predict_or_fail,
 )
-from tactibench.run.predict import AnswerRules, predict_frames
 
 FRAMES = [Frame(np.full((4, 4), k, np.uint8), 0.0, Pose()) for k in range(6)]
 SHAPE = (4, 4)

@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.frames.faults import FAULTS
-from tactibench.frames.source import FramePlan
-from tactibench.protocols.loader import archived_files, protocol_files, read_protocol
-from tactibench.records.files import arrays_hash
-from tactibench.run.plan import RunPlan, plan_lines
-from tactibench.run.request import TestOptions
-from tactibench.run.score import metric_differences, score_arrays
+from tactibench.frames import FAULTS, FramePlan
+from tactibench.protocols import archived_files, protocol_files, read_protocol
+from tactibench.records import arrays_hash
+from tactibench.run import RunPlan, TestOptions, metric_differences, plan_lines, score_arrays
 
 SHORT = {
     "count = 5000": "count = 60",

@@ -10,21 +10,20 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board.grouping import section_key
-from tactibench.board.rows import command_options
-from tactibench.protocols import hidden_seed as module
-from tactibench.protocols.hidden_seed import (
-    VARIABLE,
+from tactibench.board import command_options, section_key
+from tactibench.protocols import (
     HiddenSeed,
     commitment_file,
     commitment_text,
     committed_seed,
     given_seed,
+    load_protocol,
     recorded_seed,
 )
-from tactibench.protocols.loader import load_protocol
-from tactibench.records.store import StoredRun
-from tactibench.run.request import TestOptions
+from tactibench.protocols import hidden_seed as module
+from tactibench.protocols.hidden_seed import VARIABLE
+from tactibench.records import StoredRun
+from tactibench.run import TestOptions
 
 pytestmark = pytest.mark.long
 

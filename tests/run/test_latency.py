@@ -11,15 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tactibench.run.latency import (
+from tactibench.run import (
     Clocks,
+    Counters,
     LatencySample,
+    Load,
     batches,
+    limited_threads,
     time_calls,
     time_in_rounds,
 )
-from tactibench.run.load import Counters, Load
-from tactibench.run.threads import limited_threads
 
 
 class Clock:

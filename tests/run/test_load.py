@@ -4,14 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tactibench.run.load import (
-    Counters,
-    Load,
-    counters,
-    load_between,
-    machine_load,
-    parse_stat,
-)
+from tactibench.run import Counters, Load, counters, load_between, machine_load, parse_stat
 
 STAT = """cpu  400 0 200 3000 40 0 0 60 10 0
 cpu0 100 10 100 1500 20 5 5 60 10 0

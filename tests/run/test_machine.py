@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
+from tactibench.run import cpu_of, fingerprint, fingerprint_hash, physical_cores
 from tactibench.run import machine as module
-from tactibench.run.machine import cpu_of, fingerprint, fingerprint_hash, physical_cores
 
 HYPERTHREADED = "\n\n".join(
     f"processor\t: {cpu}\nmodel name\t: Maker Nine 9000 @ 2.00GHz\nphysical id\t: {socket}\n"

@@ -22,9 +22,8 @@ from tactibench import (
     UserError,
     open_sensor,
 )
-from tactibench.plugins.host import PluginHost
-from tactibench.run import onnx_file
-from tactibench.run.onnx_file import export_onnx, largest_difference
+from tactibench.plugins import PluginHost
+from tactibench.run import export_onnx, largest_difference, onnx_file
 
 ONE = Contacts.truth([[1.0, 2.0]], [1.5])
 

@@ -14,11 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench.frames.source import spread
-from tactibench.records.store import StoredRun
-from tactibench.run.machine import choose_device, cuda_possible, environment_facts
-from tactibench.run.plan import RunPlan, plan_lines
-from tactibench.run.request import read_parameters
+from tactibench.frames import spread
+from tactibench.records import StoredRun
+from tactibench.run import (
+    RunPlan,
+    choose_device,
+    cuda_possible,
+    environment_facts,
+    plan_lines,
+    read_parameters,
+)
 
 Planned = Callable[..., RunPlan]
 
@@ -154,7 +159,7 @@ def test_only_maps_of_the_surface_are_scored_as_one(run: Callable[..., StoredRun
 
 
 def test_a_drawn_sensor_cannot_answer_a_recorded_protocol(planned: Planned) -> None:
-    from tactibench.protocols.loader import protocol_files
+    from tactibench.protocols import protocol_files
 
     with pytest.raises(UserError, match="--sensor recorded --data DIR"):
         planned(str(protocol_files()["surface"]), "tiny-plate", sensor="tactip-127")

@@ -8,9 +8,8 @@ from stubs import StubModel
 
 from tactibench import UserError
 from tactibench.contacts import Contacts, Frame, PlatePose, Pose
-from tactibench.records.answers import pack
-from tactibench.records.files import arrays_hash
-from tactibench.run.predict import AnswerRules, Predictions, cached_predictions, predict_frames
+from tactibench.records import arrays_hash, pack
+from tactibench.run import AnswerRules, Predictions, cached_predictions, predict_frames
 
 CONTACTS = [
     Contacts(np.array([[1.0, 2.0], [3.0, -4.0]]), np.array([1.0, 0.1]), np.array([0.9, 0.3])),

@@ -11,16 +11,10 @@ import numpy as np
 import pytest
 
 from tactibench import PlatePose, UserError
-from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.published import ReleasedAnswers
-from tactibench.records.files import file_hash
+from tactibench.protocols import ReleasedAnswers, load_protocol
+from tactibench.records import file_hash
+from tactibench.run import PublishedPredictions, find_published, published_arrays, unpack_published
 from tactibench.run import published_predictions as module
-from tactibench.run.published_predictions import (
-    PublishedPredictions,
-    find_published,
-    published_arrays,
-)
-from tactibench.run.score import unpack_published
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
 NAMES = ("a.png", "b.png", "c.png")

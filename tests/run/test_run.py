@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 
 from tactibench import Pose, Scene, UserError
-from tactibench.frames.two_point_limit import D_PRIME
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.store import StoredRun, open_run, run_names, unscored_run
+from tactibench.frames import D_PRIME
+from tactibench.records import StoredRun, open_run, run_names, unpack_contacts, unscored_run
+from tactibench.run import NullReporter, metric_differences, rescore, score_arrays
 from tactibench.run import timing as speed
 from tactibench.run.execute import execute
-from tactibench.run.reporter import NullReporter
-from tactibench.run.score import metric_differences, rescore, score_arrays
 
 Run = Callable[..., StoredRun]
 
@@ -119,8 +117,7 @@ def test_weights_are_trained_once_for_all_three(run: Run, tiny: Any, regime: str
 
 @pytest.mark.long
 def test_training_keys_are_those_of_the_shipped_protocols_too(host: Any, tmp_path: Path) -> None:
-    from tactibench.run.plan import make_plan
-    from tactibench.run.request import RunRequest
+    from tactibench.run import RunRequest, make_plan
 
     for regime in ("single", "multiple"):
         plans = [

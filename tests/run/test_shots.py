@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
+from tactibench.board import command_options
 from tactibench.board.grouping import rows_of
-from tactibench.board.rows import command_options
-from tactibench.frames.labelled import check_labelled
-from tactibench.records.store import StoredRun
-from tactibench.run.plan import RunPlan, plan_lines
-from tactibench.run.request import TestOptions, read_test_options
+from tactibench.frames import check_labelled
+from tactibench.records import StoredRun
+from tactibench.run import RunPlan, TestOptions, plan_lines, read_test_options
 
 Planned = Callable[..., RunPlan]
 Run = Callable[..., StoredRun]
@@ -150,7 +149,7 @@ def test_where_none_can_be_shown(
     planned: Planned, adapting: list[int], asked: dict[str, Any], said: str
 ) -> None:
     if asked.pop("protocol", None):
-        from tactibench.protocols.loader import protocol_files
+        from tactibench.protocols import protocol_files
 
         asked["protocol"] = str(protocol_files()["stability"])
     with pytest.raises(UserError, match=said):

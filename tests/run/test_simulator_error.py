@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench.frames.drawn_presses import GeneratedFrameSet
-from tactibench.frames.source import FrameSet
-from tactibench.records.record import parse_record
-from tactibench.records.store import StoredRun, open_run
-from tactibench.run.request import TestOptions
+from tactibench.frames import FrameSet, GeneratedFrameSet
+from tactibench.records import StoredRun, open_run, parse_record
+from tactibench.run import TestOptions
 
 Run = Callable[..., StoredRun]
 

@@ -12,15 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench.frames.reference import ReferenceFrames
-from tactibench.frames.source import FrameRequest
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.identity import code_hash
-from tactibench.records.store import StoredRun
-from tactibench.run.plan import RunPlan, plan_lines
-from tactibench.run.request import TestOptions, read_test_options
-from tactibench.run.test_sensor import describe_target
+from tactibench.frames import FrameRequest, ReferenceFrames
+from tactibench.records import BoundSpec, StoredRun, code_hash, unpack_contacts
+from tactibench.run import RunPlan, TestOptions, describe_target, plan_lines, read_test_options
 
 pytestmark = pytest.mark.long
 

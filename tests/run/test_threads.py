@@ -9,7 +9,7 @@ import torch
 from threadpoolctl import threadpool_info
 
 from tactibench.errors import UserError
-from tactibench.run.threads import limited_threads
+from tactibench.run import limited_threads
 
 
 def counts() -> dict[str, int]:

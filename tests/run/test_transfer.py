@@ -15,21 +15,31 @@ from briefly import time_briefly
 from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import UserError
-from tactibench.board import submissions
-from tactibench.board.grouping import section_key
-from tactibench.board.rows import measured_on, trained_on
-from tactibench.board.shipped import trusted_host
-from tactibench.board.truth import Source
-from tactibench.board.verification import verify
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import protocol_files
-from tactibench.records.answers import unpack_plates
-from tactibench.records.store import StoredRun
+from tactibench.board import (
+    Source,
+    measured_on,
+    section_key,
+    submissions,
+    trained_on,
+    trusted_host,
+    verify,
+)
+from tactibench.plugins import PluginHost
+from tactibench.protocols import protocol_files
+from tactibench.records import StoredRun, unpack_plates
+from tactibench.run import (
+    NullReporter,
+    RunPlan,
+    RunRequest,
+    TestOptions,
+    folder_label,
+    make_plan,
+    metric_differences,
+    plan_lines,
+    read_test_options,
+    score_arrays,
+)
 from tactibench.run.execute import execute
-from tactibench.run.plan import RunPlan, make_plan, plan_lines
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest, TestOptions, folder_label, read_test_options
-from tactibench.run.score import metric_differences, score_arrays
 
 SHOTS = (0, 5, 20)
 GIVEN = {"labels": "given"}

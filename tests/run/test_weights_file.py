@@ -13,14 +13,19 @@ import pytest
 
 from tactibench import Frame, Pose, UserError
 from tactibench.lab import open_weights, trained_model
-from tactibench.plugins.host import PluginHost
-from tactibench.run import weights_file
-from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import NullReporter
-from tactibench.run.request import RunRequest
-from tactibench.run.train import train_model
-from tactibench.run.weights_description import WeightsDescription
-from tactibench.run.weights_file import export_weights, import_weights, read_weights
+from tactibench.plugins import PluginHost
+from tactibench.run import (
+    NullReporter,
+    RunPlan,
+    RunRequest,
+    WeightsDescription,
+    export_weights,
+    import_weights,
+    make_plan,
+    read_weights,
+    train_model,
+    weights_file,
+)
 
 Entries = dict[str, bytes]
 DARK = np.zeros((64, 64), np.uint8)

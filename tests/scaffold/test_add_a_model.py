@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from surroundings import surroundings
 
-from tactibench.plugins.specs import KINDS
-from tactibench.scaffold.package import Names, write_package
+from tactibench.plugins import KINDS
+from tactibench.scaffold import Names, write_package
 from tactibench.testing import properties
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,11 +11,8 @@ from typing import Any
 import pytest
 
 from tactibench import UserError
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import KINDS
-from tactibench.scaffold import package
-from tactibench.scaffold.package import Names, check_name, render_templates, write_package
+from tactibench.plugins import KINDS, Origin, PluginHost
+from tactibench.scaffold import Names, check_name, package, render_templates, write_package
 
 HOST = PluginHost()
 

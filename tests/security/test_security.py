@@ -148,7 +148,7 @@ def test_exclusions_of_the_scanner_are_explained() -> None:
 @pytest.mark.parametrize("named", ["../secret.txt", "/dev/zero", "sub/names.txt", ".hidden", ""])
 def test_a_protocol_reads_no_file_but_one_beside_it(tmp_path: Path, named: str) -> None:
     from tactibench import UserError
-    from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.protocols import protocol_files, read_protocol
 
     text = protocol_files()["surface"].read_text(encoding="utf-8")
     spoilt, count = re.subn(r'(?m)^test_frames = ".*"', f'test_frames = "{named}"', text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tactibench.records.record import Record
+from tactibench.records import Record
 
 
 def changed_record(record: Record, changes: Mapping[str, Any]) -> Record:

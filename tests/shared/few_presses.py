@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tactibench.protocols.loader import protocol_files
+from tactibench.protocols import protocol_files
 
 NUMBERS = {
     "count = 5000": "count = 60",

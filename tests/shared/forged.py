@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactibench.board.predictions import answers_file
-from tactibench.board.verification import FROM_MAPS
-from tactibench.records.files import arrays_hash, read_arrays, write_arrays
-from tactibench.records.record import Record, make_signature
+from tactibench.board import FROM_MAPS, answers_file
+from tactibench.records import Record, arrays_hash, make_signature, read_arrays, write_arrays
 
 ROOT = Path(__file__).parents[2]
 BASES = {

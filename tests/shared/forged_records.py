@@ -6,7 +6,7 @@ from typing import Any
 
 from forged import SHA_OF_NOTHING, Change, Forgery, Values, both, drop, put
 
-from tactibench.run.machine import fingerprint_hash
+from tactibench.run import fingerprint_hash
 
 SHA = "ab" * 32
 

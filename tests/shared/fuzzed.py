@@ -22,7 +22,7 @@ import mutated as m
 import numpy as np
 
 from tactibench import UserError
-from tactibench.training.weights import DamagedFileError
+from tactibench.training import DamagedFileError
 
 ROOT = Path(__file__).parents[2]
 SENTENCES = (
@@ -55,14 +55,14 @@ def _files(pattern: str) -> Callable[[Path], list[bytes]]:
 
 
 def _protocol(data: bytes, folder: Path) -> None:
-    from tactibench.metrics.registry import check_metrics
-    from tactibench.protocols.loader import read_protocol
+    from tactibench.metrics import check_metrics
+    from tactibench.protocols import read_protocol
 
     check_metrics(read_protocol(_in(folder, "p.toml", data)))
 
 
 def _sweep(data: bytes, folder: Path) -> None:
-    from tactibench.sweep.spec import read_sweep
+    from tactibench.sweep import read_sweep
 
     read_sweep(_in(folder, "s.toml", data))
 
@@ -80,10 +80,16 @@ def _settings_seeds(_: Path) -> list[bytes]:
 
 
 def _record(data: bytes, folder: Path) -> None:
-    from tactibench.board.submissions import compact, read_untrusted, refuse_names, slot, text_of
-    from tactibench.board.verification import refuse_differences, refuse_signature
-    from tactibench.records.record import parse_record
-    from tactibench.records.store import refuse_changed
+    from tactibench.board import (
+        compact,
+        read_untrusted,
+        refuse_differences,
+        refuse_names,
+        refuse_signature,
+        slot,
+        text_of,
+    )
+    from tactibench.records import parse_record, refuse_changed
 
     path = _in(folder, "r.json", data)
     values = read_untrusted(path)
@@ -103,8 +109,7 @@ def _records(_: Path) -> list[bytes]:
 
 @cache
 def _submission_source() -> Any:
-    from tactibench.board.shipped import trusted_host
-    from tactibench.board.truth import Source
+    from tactibench.board import Source, trusted_host
 
     return Source(trusted_host(), Path(tempfile.mkdtemp(prefix="fuzz-cache-")))
 
@@ -120,7 +125,7 @@ def _submission(data: bytes, folder: Path) -> None:
     """A whole submission, scored again; what still is a record is signed, as by a forger."""
     import forged
 
-    from tactibench.board.verification import score_again
+    from tactibench.board import score_again
 
     place, name = _place(folder), forged.base_file("plain").stem
     try:
@@ -145,7 +150,7 @@ def _arrays(data: bytes, folder: Path) -> None:
     """The answers of a submission, with their hash in the record as far as they have one."""
     import forged
 
-    from tactibench.board.verification import score_again
+    from tactibench.board import score_again
 
     base = forged.base_file("plain")
     path = _place(folder) / base.name
@@ -163,14 +168,8 @@ def _arrays_seeds(_: Path) -> list[bytes]:
 
 
 def _answers(data: bytes, folder: Path) -> None:
-    from tactibench.board.predictions import (
-        check_answers,
-        read_answers_file,
-        read_press_errors,
-        split_ranked,
-    )
-    from tactibench.records.answers import unpack_contacts
-    from tactibench.records.files import arrays_hash
+    from tactibench.board import check_answers, read_answers_file, read_press_errors, split_ranked
+    from tactibench.records import arrays_hash, unpack_contacts
 
     path = _in(folder, "a.npz", data)
     answers, _ = split_ranked(read_answers_file(path))
@@ -211,8 +210,7 @@ def _answers_seeds(_: Path) -> list[bytes]:
 
 
 def _table(data: bytes, folder: Path) -> None:
-    from tactibench.datasets.readers.folder import frame_names
-    from tactibench.datasets.readers.table import read_table
+    from tactibench.datasets import frame_names, read_table
 
     table = read_table(folder / "targets.csv", data)
     for column in table.columns:
@@ -251,8 +249,7 @@ def _pngs(_: Path) -> list[bytes]:
 
 
 def _weights(data: bytes, folder: Path) -> None:
-    from tactibench.training import load_weights
-    from tactibench.training.weights import read_container
+    from tactibench.training import load_weights, read_container
 
     path = _in(folder, "weights.safetensors", data)
     try:
@@ -292,7 +289,7 @@ def commands() -> dict[str, click.Command]:
 
 def _words(data: bytes, _: Path) -> None:
     """A command line is read and checked, and not carried out."""
-    from tactibench.run.request import read_parameters, read_test_options
+    from tactibench.run import read_parameters, read_test_options
 
     known = commands()
     line = data.decode("utf-8", errors="replace").replace("\x00", "").split("\n")

@@ -84,7 +84,7 @@ def _weights(folder: Path) -> Any:
 
 def _runs(folder: Path) -> Any:
     """Every stored run that can be opened, its arrays verified; times left out."""
-    from tactibench.records.store import PARTS, stored_runs
+    from tactibench.records import PARTS, stored_runs
 
     found = {}
     for run in stored_runs(folder / "runs"):

@@ -11,9 +11,7 @@ from changed_record import changed_record
 from stored_answers import answered_parts, store_run
 
 from tactibench.contacts import Contacts
-from tactibench.records.answers import pack_contacts
-from tactibench.records.record import Record
-from tactibench.records.store import StoredRun
+from tactibench.records import Record, StoredRun, pack_contacts
 
 DISTANCES = ("6.5", "7.0", "8.0", "9.0", "10.0", "12.0")
 SCRIPT = "</script><script>window.broken=1</script>"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tactibench.records.record import Record
+from tactibench.records import Record
 
 SAME = ("data", "test_frames", "weights", "weights_hash", "predictions_hash")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactibench.run.reporter import NullProgress
+from tactibench.run import NullProgress
 
 
 class Epochs(NullProgress):

@@ -6,7 +6,7 @@ import hashlib
 
 from torch import nn
 
-from tactibench.training.weights import tensor_bytes
+from tactibench.training import tensor_bytes
 
 
 def state_hash(network: nn.Module) -> str:

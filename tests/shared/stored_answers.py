@@ -9,10 +9,7 @@ import numpy as np
 from changed_record import changed_record
 
 from tactibench.contacts import Contacts
-from tactibench.records.answers import pack_contacts
-from tactibench.records.files import arrays_hash
-from tactibench.records.record import Record
-from tactibench.records.store import PARTS, StoredRun, write_run
+from tactibench.records import PARTS, Record, StoredRun, arrays_hash, pack_contacts, write_run
 
 
 def answered_parts(

@@ -29,8 +29,7 @@ CRASHED = 70
 def tiny_host(*_: Any, **__: Any) -> Any:
     """What a host offers to commands: one sensor and one model."""
     from tactibench import ModelSpec, Parameter, SensorSpec
-    from tactibench.plugins.discovery import Origin
-    from tactibench.plugins.host import Catalogue
+    from tactibench.plugins import Catalogue, Origin
 
     origin = Origin("tiny", "tiny-tactile", "1.0")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.frames.two_point_limit import spacing_limit
+from tactibench.frames import spacing_limit
 from tactibench_sim.detection import deviance
 from tactibench_sim.mechanics.contact import Tips, tips_of
 from tactibench_sim.optics.camera import NUISANCES

@@ -11,8 +11,7 @@ import pytest
 from error_bounds import largest, leave_out, measure, measured, reached, write
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.loader import load_protocol
+from tactibench.protocols import draw_scenes, load_protocol
 from tactibench_sim.error_bounds import (
     RADIUS_MM,
     Bounds,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.datasets.spreads import lean_of
+from tactibench.datasets import lean_of
 from tactibench.markers import Tracker
 from tactibench_sim.real.calibration import Calibration, shipped
 from tactibench_sim.real.sensor import Fitted127, Fitted331

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 from tactibench_sim import instances, training_instances
 from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of, perturb
 from tactibench_sim.sensor import TACTIP_127, TacTip127, TacTip331

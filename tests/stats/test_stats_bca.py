@@ -5,15 +5,15 @@ import pytest
 from scipy import stats
 from sklearn.metrics import r2_score
 
-from tactibench.stats.bca import (
+from tactibench.stats import (
     acceleration,
     bca_interval,
     bootstrap_values,
+    cluster_sums,
     cluster_weights,
     jackknife_values,
     r_squared,
 )
-from tactibench.stats.clusters import cluster_sums
 
 RESAMPLES = 20_000
 

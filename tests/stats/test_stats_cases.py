@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.stats.cases import crossing, doubling, mean_ratio
-from tactibench.stats.intervals import Estimate
+from tactibench.stats import Estimate, crossing, doubling, mean_ratio
 
 PRESS = np.arange(50)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tactibench.stats.crossed import adjust_pairs, crossed_p_values, welch_p_values
+from tactibench.stats import adjust_pairs, crossed_p_values, welch_p_values
 
 
 def by_hand(one, other):

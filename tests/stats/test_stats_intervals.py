@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench.stats.intervals import (
+from tactibench.stats import (
     Estimate,
     effective_size,
     mean_interval,

@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench.stats.paired import (
-    grouped,
-    holm,
-    sign_flip_p,
-    sign_flip_ps,
-)
+from tactibench.stats import grouped, holm, sign_flip_p, sign_flip_ps
 
 
 def test_p_is_near_that_of_the_paired_t_test():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tactibench.stats.intervals import effective_size, share_interval
+from tactibench.stats import effective_size, share_interval
 
 
 @pytest.mark.parametrize(("hits", "n"), [(1, 12), (12, 40), (39, 40), (500, 1000)])

@@ -5,8 +5,8 @@ import pytest
 
 from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
-from tactibench.plugins.host import PluginHost
-from tactibench.run.reporter import NullProgress
+from tactibench.plugins import PluginHost
+from tactibench.run import NullProgress
 
 SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 160, "crowded": 24}
 

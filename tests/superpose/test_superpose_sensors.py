@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from single_presses import single_presses
 
-from tactibench.frames.faults import FAULTS
+from tactibench.frames import FAULTS
 
 UNSEEN = 201
 

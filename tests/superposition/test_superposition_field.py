@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
 from tactibench import UserError
-from tactibench.superposition import Field
-from tactibench.superposition.field import FEWEST, MARGIN_MM, PITCH_MM, RIDGES, _best_ridge, _spline
+from tactibench.superposition import FEWEST, MARGIN_MM, PITCH_MM, RIDGES, Field
+from tactibench.superposition.field import _best_ridge, _spline
 
 FEW = slice(None, None, 9)  # quantities that are enough, so that learning is quick
 

@@ -7,9 +7,8 @@ import pytest
 
 from tactibench import Frame, PlatePose, Pose, UserError
 from tactibench.markers import PinTracker
-from tactibench.superposition import NeighbourLaw, contact_array, mix
-from tactibench.superposition.field import FEWEST
-from tactibench.superposition.mixing import CLOSEST_MM, MOST, _unexplained
+from tactibench.superposition import CLOSEST_MM, FEWEST, MOST, NeighbourLaw, contact_array, mix
+from tactibench.superposition.mixing import _unexplained
 
 
 def made(singles, count=24, seed=3, **more):
@@ -94,7 +93,7 @@ def test_as_many_as_were_asked_for(singles, count):
 
 
 def test_two_and_three_are_equally_frequent(singles, monkeypatch):
-    from tactibench.superposition.picture import PinPicture
+    from tactibench.superposition import PinPicture
 
     monkeypatch.setattr(
         PinPicture, "draw", lambda self, pins, *_: np.zeros((len(pins), 80, 80), np.uint8)

@@ -5,8 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from tactibench.superposition import NeighbourLaw, nominal_inverse_law, nominal_law
-from tactibench.superposition.neighbours import recombined
+from tactibench.superposition import NeighbourLaw, nominal_inverse_law, nominal_law, recombined
 
 
 def apart(frames, count, rng, closest=5.5, depths=(0.5, 6.0)):

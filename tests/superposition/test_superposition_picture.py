@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactibench.superposition.picture import PinPicture
+from tactibench.superposition import PinPicture
 
 GROUND, BRIGHT, SIGMA = 24.0, 150.0, 1.1
 

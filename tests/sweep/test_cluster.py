@@ -9,15 +9,9 @@ from typing import Any
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.run.machine import software
-from tactibench.sweep.cluster import (
-    NO_GPU,
-    Capacity,
-    Cluster,
-    Storage,
-    _WorkerView,
-    check_workers,
-)
+from tactibench.run import software
+from tactibench.sweep import NO_GPU, Capacity, Cluster, Storage, check_workers
+from tactibench.sweep.cluster import _WorkerView
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 

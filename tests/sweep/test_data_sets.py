@@ -11,13 +11,16 @@ from typing import Any
 import pytest
 from folder_files import CLOCKED, files
 
+from tactibench.datasets import generate, verify
 from tactibench.datasets import generation as press
-from tactibench.datasets import verify
-from tactibench.datasets.generation import generate
 from tactibench.errors import UserError
-from tactibench.sweep.cluster import WorkerLossError
-from tactibench.sweep.data_sets import DatasetTask, list_data_sets, press_data_set
-from tactibench.sweep.spec import read_sweep
+from tactibench.sweep import (
+    DatasetTask,
+    WorkerLossError,
+    list_data_sets,
+    press_data_set,
+    read_sweep,
+)
 
 ASKED = """
     [[generate]]

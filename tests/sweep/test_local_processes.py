@@ -20,11 +20,9 @@ from urllib.request import urlopen
 
 import pytest
 
-from tactibench.plugins.host import PluginHost
-from tactibench.records.store import CHECKSUM
-from tactibench.sweep.cluster import Storage, local_cluster
-from tactibench.sweep.run import run_cell
-from tactibench.sweep.spec import list_cells, read_sweep
+from tactibench.plugins import PluginHost
+from tactibench.records import CHECKSUM
+from tactibench.sweep import Storage, list_cells, local_cluster, read_sweep, run_cell
 
 for package in ("distributed", "cryptography"):
     pytest.importorskip(package, reason="the engine of sweeps is an extra of its own")

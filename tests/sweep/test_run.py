@@ -12,20 +12,24 @@ import pytest
 from briefly import time_briefly
 
 from tactibench.errors import UserError
-from tactibench.records.files import read_json, write_json
-from tactibench.records.store import RECORD, with_checksum
-from tactibench.run.request import RunRequest
-from tactibench.sweep.cluster import NO_GPU, Capacity, Storage, WorkerLossError
-from tactibench.sweep.plan import CellPlan, plan_cells, plan_requests
-from tactibench.sweep.run import (
+from tactibench.records import RECORD, read_json, with_checksum, write_json
+from tactibench.run import RunRequest
+from tactibench.sweep import (
+    NO_GPU,
+    Capacity,
+    Cell,
+    CellPlan,
     CellResult,
     Outcome,
+    Storage,
+    WorkerLossError,
     list_jobs,
+    plan_cells,
+    plan_requests,
     run_cell,
     run_jobs,
     train_weights,
 )
-from tactibench.sweep.spec import Cell
 
 pytestmark = pytest.mark.long
 
@@ -166,8 +170,8 @@ def stored(
     asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Any, Storage, Path]:
     """A cell that was run: its request, where it is kept, and the file of its record."""
-    from tactibench.plugins.host import PluginHost
-    from tactibench.sweep.spec import list_cells, read_sweep
+    from tactibench.plugins import PluginHost
+    from tactibench.sweep import list_cells, read_sweep
 
     time_briefly(monkeypatch.setattr)
     (one, *_) = list_cells(read_sweep(asked('model = "toy"\n')), PluginHost())
@@ -206,8 +210,8 @@ def test_a_run_that_cannot_be_read_is_to_do_again(stored: tuple[Any, Storage, Pa
 def test_cells_that_come_to_the_same_run_are_one(
     asked: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    from tactibench.plugins.host import PluginHost
-    from tactibench.sweep.spec import list_cells, read_sweep
+    from tactibench.plugins import PluginHost
+    from tactibench.sweep import list_cells, read_sweep
 
     text = 'model = ["toy", "toy, noise=0.0", "toy, noise=1", "toy-single"]\n'
     cells = list_cells(read_sweep(asked(text + 'regime = ["single", "multiple"]')), PluginHost())

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.plugins.host import PluginHost
-from tactibench.sweep.spec import Cell, list_cells, read_choice, read_sweep
+from tactibench.plugins import PluginHost
+from tactibench.sweep import Cell, list_cells, read_choice, read_sweep
 
 GOOD = 'model = "toy"\n'
 

@@ -6,10 +6,10 @@ import re
 import tomllib
 from pathlib import Path
 
-from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import load_protocol
-from tactibench.run.components import resolve_components
-from tactibench.sweep.spec import DatasetSpec, SweepSpec, list_cells, read_sweep
+from tactibench.plugins import PluginHost
+from tactibench.protocols import load_protocol
+from tactibench.run import resolve_components
+from tactibench.sweep import DatasetSpec, SweepSpec, list_cells, read_sweep
 
 DOCS = Path(__file__).parents[2] / "docs"
 

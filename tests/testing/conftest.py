@@ -12,9 +12,8 @@ from typing import Any
 import pytest
 
 from tactibench import EncoderSpec, ModelSpec, SensorSpec
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.host import Catalogue
-from tactibench.scaffold.package import Names, write_package
+from tactibench.plugins import Catalogue, Origin
+from tactibench.scaffold import Names, write_package
 
 ORIGIN = Origin("good", "tactibench-good", "0.1.0")
 

@@ -2,8 +2,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from tactibench.training import Examples
-from tactibench.training.averaging import average_weights, measure_statistics
+from tactibench.training import Examples, average_weights, measure_statistics
 
 
 def walk(steps, decay):

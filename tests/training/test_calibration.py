@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, PlatePose
-from tactibench.training.mixture_model import scale_std, split_calibration, std_factors
+from tactibench.training import scale_std, split_calibration, std_factors
 
 
 def drawn(count, std, stated, seed=0, contacts=1):

@@ -9,9 +9,13 @@ import pytest
 import torch
 from torch import nn
 
-from tactibench.training import deploy
-from tactibench.training.deploy import UnavailableError, prepare_forward
-from tactibench.training.inference import CONFIGURATIONS, fold_batch_norm
+from tactibench.training import (
+    CONFIGURATIONS,
+    UnavailableError,
+    deploy,
+    fold_batch_norm,
+    prepare_forward,
+)
 
 
 class Small(nn.Module):

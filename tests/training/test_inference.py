@@ -5,8 +5,7 @@ import torch
 from state_hash import state_hash
 from torch import nn
 
-from tactibench.training.inference import autocast, fold_batch_norm
-from tactibench.training.precision import processor_flags, resolve_precision
+from tactibench.training import autocast, fold_batch_norm, processor_flags, resolve_precision
 
 
 def test_a_folded_network_answers_as_before():

@@ -11,8 +11,7 @@ from state_hash import state_hash
 from torch import nn
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
-from tactibench.training import LearnedModel, Recipe, image_tensor, load_weights
-from tactibench.training.targets import position_error_mm
+from tactibench.training import LearnedModel, Recipe, image_tensor, load_weights, position_error_mm
 
 
 class Line(nn.Module):

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench.training.muon import Muon, orthogonalise
+from tactibench.training import Muon, orthogonalise
 
 
 def random(shape, seed=0):

@@ -6,7 +6,7 @@ from silent import Epochs
 from single_presses import single_presses
 
 from tactibench import Grid, ModelContext
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 
 SMALL = {
     "mixture": {"width": "16", "epochs": "1"},

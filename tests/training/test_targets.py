@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import PlatePose
-from tactibench.training.targets import PlateScale
+from tactibench.training import PlateScale
 
 
 def test_a_plate_touches_at_20_mm_times_the_sine_of_its_tilt():

@@ -10,8 +10,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tactibench import UserError
-from tactibench.training import load_weights, pack_image, save_weights, unpack_image
-from tactibench.training.weights import DamagedFileError, read_container, write_container
+from tactibench.training import (
+    DamagedFileError,
+    load_weights,
+    pack_image,
+    read_container,
+    save_weights,
+    unpack_image,
+    write_container,
+)
 
 
 def test_equal_tensors_and_headers_make_equal_bytes(tmp_path):

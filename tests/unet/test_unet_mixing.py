@@ -9,7 +9,7 @@ from silent import Epochs
 
 import tactibench.superposition
 from tactibench import Contacts, Grid, UserError
-from tactibench.plugins.host import PluginHost
+from tactibench.plugins import PluginHost
 from tactibench_unet.model import least_share
 
 SPEC = PluginHost().models["unet"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, PlatePose, UserError
-from tactibench.run.reporter import NullProgress
+from tactibench.run import NullProgress
 
 
 def flat(answers):

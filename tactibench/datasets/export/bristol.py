@@ -43,7 +43,7 @@ from tactibench.datasets.readers.bristol import (
 from tactibench.datasets.schema import Sample
 from tactibench.datasets.splits import SUBSETS
 from tactibench.png import encode_png
-from tactibench.records.files import write_json
+from tactibench.records import write_json
 
 IMAGES = "sensor_images"
 

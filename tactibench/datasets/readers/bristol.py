@@ -27,7 +27,7 @@ from tactibench.datasets.readers.table import Table, read_table
 from tactibench.datasets.splits import SUBSETS, Split
 from tactibench.errors import UserError
 from tactibench.png import read_file
-from tactibench.protocols.mistakes import first_mistake
+from tactibench.protocols import first_mistake
 
 TARGETS = ("targets.csv", "targets_images.csv")
 NAME_COLUMNS = ("image_name", "sensor_image")

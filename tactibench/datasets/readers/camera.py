@@ -10,7 +10,7 @@ from tactibench.contacts import Scene
 from tactibench.datasets.readers.options import AS_IS, AUTO
 from tactibench.datasets.readers.recording import Recording
 from tactibench.errors import UserError
-from tactibench.markers.pin_view import find_pin_view, is_raw
+from tactibench.markers import find_pin_view, is_raw
 
 _PROBES = 5
 """Frames that are tested for raw pictures where there is no rest frame."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench.plugins.parameter import Parameter
+from tactibench.plugins import Parameter
 
 FRAME_FOLDERS = ("frames_bw", "images", "sensor_images", "processed_images")
 AUTO = "auto"

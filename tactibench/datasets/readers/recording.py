@@ -18,7 +18,7 @@ from tactibench.datasets.images import Image
 from tactibench.datasets.schema import IMAGES, JOURNAL, Sample
 from tactibench.datasets.splits import Split
 from tactibench.errors import UserError
-from tactibench.markers.pin_view import PinView
+from tactibench.markers import PinView
 from tactibench.png import ImageKind, decode_png, read_file
 
 FloatArray = npt.NDArray[np.float64]

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from tactibench.board.cost import machine
-from tactibench.board.grouping import row_anchor
+from tactibench.board import machine, ranks, row_anchor
 from tactibench.board.overview import overview
-from tactibench.board.ranking import ranks
-from tactibench.protocols.board_spec import board_spec, overview_spec
-from tactibench.protocols.schema import Draw, Protocol
-from tactibench.records.record import Record
+from tactibench.protocols import Draw, Protocol, overview_spec
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Record
 from tactibench.report.board_page import BoardPage
 from tactibench.report.html.figures import misses, row_latency
 from tactibench.report.html.report_data import ReportBoard

@@ -10,15 +10,12 @@ from typing import Literal, TypeVar
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactibench.board.cost import latency, machine
-from tactibench.board.frontier import Frontier, frontiers
-from tactibench.board.rows import Row
-from tactibench.board.sections import Section
+from tactibench.board import Frontier, Row, Section, frontiers, latency, machine
 from tactibench.errors import UserError
-from tactibench.metrics.gospa import gospa_per_frame
-from tactibench.metrics.trials import Trials
-from tactibench.protocols.board_spec import Ranking, board_spec
-from tactibench.records.record import Record
+from tactibench.metrics import Trials, gospa_per_frame
+from tactibench.protocols import Ranking
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Record
 from tactibench.report.board_page import PageSection
 from tactibench.report.html.report_data import ReportBoard
 from tactibench.report.numbers import fixed, number, plural, significant

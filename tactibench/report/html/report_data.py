@@ -6,25 +6,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactibench.board.predictions import PressErrors, press_errors_of
-from tactibench.board.ranking import Errors
-from tactibench.board.submissions import (
+from tactibench.board import (
+    Errors,
+    PressErrors,
     all_press_errors,
     check_folder,
+    press_errors_of,
     read_submissions,
     records_of_version,
     slot,
 )
 from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols import LoadedProtocol, PublishedTable, protocol_files, protocol_versions
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
-from tactibench.protocols.published import PublishedTable
-from tactibench.records.record import Record
-from tactibench.records.store import RECORD, StoredRun, stored_runs
+from tactibench.records import RECORD, Record, StoredRun, stored_runs
 from tactibench.report.board_page import published_tables
 from tactibench.report.html import AUTO, BOARD, RUNS
 from tactibench.report.numbers import plural
-from tactibench.run.request import folder_label
+from tactibench.run import folder_label
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
-from tactibench.board.curve import Curve, counts
-from tactibench.protocols.board_spec import Ranking
+from tactibench.board import Curve, counts
+from tactibench.protocols import Ranking
 from tactibench.report.plots.style import (
     error_bars,
     headline,

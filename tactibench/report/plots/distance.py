@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from scipy.special import expit
 
-from tactibench.board.rows import PooledMetric, Row
+from tactibench.board import PooledMetric, Row
 from tactibench.contacts import FloatArray
-from tactibench.metrics.threshold import Profile
-from tactibench.protocols.published import PublishedTable, published_means
-from tactibench.records.record import Record
+from tactibench.metrics import Profile
+from tactibench.protocols import PublishedTable, published_means
+from tactibench.records import Record
 from tactibench.report.plots.style import (
     GREY,
     Look,

@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from tactibench.board.hard_cases import FamilyErrors, family_errors
-from tactibench.board.rows import Row
-from tactibench.protocols.families import Axis
+from tactibench.board import FamilyErrors, Row, family_errors
+from tactibench.protocols import Axis
 from tactibench.report.hard_cases import doubling_number, family_head
 from tactibench.report.plots.style import GREY, HEAT, headline, model_look, new_figure, short_label
 

@@ -11,12 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tactibench.board.cost import settled
-from tactibench.board.frontier import Frontier, Point, Range, elsewhere_frontiers
-from tactibench.board.sections import KINDS, Section
-from tactibench.board.sections import NOMINAL as NOMINAL_KIND
-from tactibench.protocols.board_spec import Ranking, board_spec
-from tactibench.protocols.loader import load_protocol
+from tactibench.board import KINDS, Frontier, Point, Range, Section, elsewhere_frontiers, settled
+from tactibench.board import NOMINAL as NOMINAL_KIND
+from tactibench.protocols import Ranking, load_protocol
+from tactibench.protocols.board_spec import board_spec
 from tactibench.report.plots.style import (
     GREY,
     Look,

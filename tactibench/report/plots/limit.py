@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from tactibench.board.limits import LimitMaps
+from tactibench.board import LimitMaps
 from tactibench.report.plots.marks import extent, millimetres
 from tactibench.report.plots.style import GREY, HEAT, headline, log_ticks, new_figure
 

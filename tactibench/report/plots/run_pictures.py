@@ -10,14 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactibench.board.rows import TRIVIAL, label_of, measured_on
+from tactibench.board import TRIVIAL, label_of, measured_on
 from tactibench.contacts import Contacts, FloatArray, Grid
-from tactibench.protocols.loader import version_of
-from tactibench.protocols.schema import Protocol
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.files import atomic
-from tactibench.records.record import Record
-from tactibench.records.store import RECORD, Arrays, StoredRun
+from tactibench.protocols import Protocol, version_of
+from tactibench.records import RECORD, Arrays, Record, StoredRun, atomic, unpack_contacts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -223,7 +219,7 @@ def _features(arrays: RunArrays) -> dict[str, Figure]:
     if "features_row" not in arrays.examples:
         return {}
     from tactibench.report.plots.frames import features_figure
-    from tactibench.run.examples import unpack_features
+    from tactibench.run import unpack_features
 
     row = int(arrays.examples["features_row"])
     title = (
@@ -262,7 +258,7 @@ def _by_label(arrays: RunArrays, beside: Sequence[StoredRun]) -> list[StoredRun]
 
 
 def _stability(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
-    from tactibench.board.rows import Row
+    from tactibench.board import Row
     from tactibench.report.plots.stability import stability_figure
 
     rows = [Row((run.record,)) for run in _by_label(arrays, beside)]
@@ -270,8 +266,8 @@ def _stability(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
 
 
 def _distance(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
-    from tactibench.board.rows import Row
-    from tactibench.protocols.published import load_published
+    from tactibench.board import Row
+    from tactibench.protocols import load_published
     from tactibench.report.plots.distance import distance_figure, distance_series
     from tactibench.shipped import shipped_folder
 

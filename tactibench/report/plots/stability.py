@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from tactibench.board.hard_cases import FamilyErrors, family_errors
-from tactibench.board.rows import Row
-from tactibench.protocols.families import Axis
+from tactibench.board import FamilyErrors, Row, family_errors
+from tactibench.protocols import Axis
 from tactibench.report.plots.style import (
     GREY,
     Look,

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from tactibench.records.files import atomic
+from tactibench.records import atomic
 
 BLACK = "#000000"
 ORANGE = "#E69F00"

@@ -12,20 +12,31 @@ import pytest
 from few_presses import few_presses
 
 from tactibench import Contacts, SensorSpec
-from tactibench.board import verification
-from tactibench.board.predictions import answers_file, ranked_errors
-from tactibench.board.submissions import FOLDER, compact, text_of
-from tactibench.board.truth import Source, TestSet, make_test_set
-from tactibench.plugins.discovery import Origin
-from tactibench.plugins.host import Catalogue
-from tactibench.protocols import loader
-from tactibench.protocols.loader import LoadedProtocol, read_protocol
-from tactibench.records.answers import pack_contacts, unpack_contacts
-from tactibench.records.files import arrays_hash, write_arrays
-from tactibench.records.record import Efficiency, FrameCounts, Record, make_signature
-from tactibench.records.store import PARTS
-from tactibench.run.machine import fingerprint_hash
-from tactibench.run.score import score_arrays
+from tactibench.board import (
+    FOLDER,
+    Source,
+    TestSet,
+    answers_file,
+    compact,
+    make_test_set,
+    ranked_errors,
+    text_of,
+    verification,
+)
+from tactibench.plugins import Catalogue, Origin
+from tactibench.protocols import LoadedProtocol, loader, read_protocol
+from tactibench.records import (
+    PARTS,
+    Efficiency,
+    FrameCounts,
+    Record,
+    arrays_hash,
+    make_signature,
+    pack_contacts,
+    unpack_contacts,
+    write_arrays,
+)
+from tactibench.run import fingerprint_hash, score_arrays
 
 SHA = "ab" * 32
 

@@ -11,11 +11,8 @@ from forged_files import FILES
 from forged_records import FORGERIES
 
 from tactibench import UserError
-from tactibench.board.record_forms import refuse_forms
-from tactibench.board.shipped import trusted_host
-from tactibench.board.truth import Source
-from tactibench.board.verification import score_again
-from tactibench.records.record import parse_record
+from tactibench.board import Source, refuse_forms, score_again, trusted_host
+from tactibench.records import parse_record
 
 pytestmark = pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")
 

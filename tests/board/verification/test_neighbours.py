@@ -12,8 +12,8 @@ import forged
 import pytest
 
 from tactibench import UserError
-from tactibench.board.neighbours import Neighbours, find_neighbours
-from tactibench.records.record import Record
+from tactibench.board import Neighbours, find_neighbours
+from tactibench.records import Record
 
 SUBMITTED = forged.base_file("plain")
 

@@ -14,22 +14,18 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board.predictions import answers_file
-from tactibench.board.shipped import trusted_host
-from tactibench.board.truth import Source, make_test_set
-from tactibench.board.verification import verify
-from tactibench.frames.two_point_limit import D_PRIME
+from tactibench.board import Source, answers_file, make_test_set, trusted_host, verify
+from tactibench.frames import D_PRIME
 from tactibench.geometry import true_contacts
-from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.hidden_seed import (
-    VARIABLE,
+from tactibench.protocols import (
     commitment_file,
     commitment_text,
+    draw_scenes,
     given_seed,
+    split_presses,
 )
-from tactibench.protocols.split import split_presses
-from tactibench.records.answers import unpack_contacts
-from tactibench.records.files import arrays_hash, read_arrays, write_arrays
+from tactibench.protocols.hidden_seed import VARIABLE
+from tactibench.records import arrays_hash, read_arrays, unpack_contacts, write_arrays
 
 Submitted = Callable[..., Path]
 

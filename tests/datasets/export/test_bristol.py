@@ -17,16 +17,17 @@ from small_data_sets import Small, draft, good, header, smalls, write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import (
+    LETTERED,
     ImportOptions,
     Sample,
     Writer,
+    columns_of,
     export_dataset,
     import_folder,
     open_dataset,
     open_recording,
     verify,
 )
-from tactibench.datasets.export.bristol import POSE, columns_of
 from tactibench.geometry import true_contacts
 
 SAMPLE_FIELDS = (
@@ -160,7 +161,7 @@ def test_a_pose_is_a_turn_about_fixed_axes() -> None:
     ]
     samples = [Sample(i, "", "", scene=scene) for i, scene in enumerate(scenes)]
     columns = columns_of(samples)
-    assert columns.order()[2:8] == list(POSE)
+    assert columns.order()[2:8] == list(LETTERED)
     for scene in scenes:
         values = {column: getattr(scene.pose, key) for key, column in columns.scene.items()}
         beta, gamma = (math.radians(values[name]) for name in ("pose_Ry", "pose_Rz"))

@@ -12,10 +12,17 @@ from hypothesis import given, settings
 from small_data_sets import Small, smalls, write_taps
 
 from tactibench import UserError
-from tactibench.datasets import Dataset, export_dataset, is_dataset, open_dataset, verify
-from tactibench.datasets.export.card import hub_licence, licence_name
-from tactibench.datasets.splits import write_split
-from tactibench.datasets.storage import new_folder
+from tactibench.datasets import (
+    Dataset,
+    export_dataset,
+    hub_licence,
+    is_dataset,
+    licence_name,
+    new_folder,
+    open_dataset,
+    verify,
+    write_split,
+)
 
 FOLDERS = ("bristol", "hf-parquet")
 

@@ -18,10 +18,17 @@ from hypothesis import given, settings
 from small_data_sets import Small, good, scene_of, smalls, write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Dataset, Draft, Header, Writer, export_dataset, open_dataset
-from tactibench.datasets.export.exporter import select_samples
-from tactibench.datasets.export.parquet import write_parquet
-from tactibench.datasets.splits import write_split
+from tactibench.datasets import (
+    Dataset,
+    Draft,
+    Header,
+    Writer,
+    export_dataset,
+    open_dataset,
+    select_samples,
+    write_parquet,
+    write_split,
+)
 
 
 def read_parquet(folder: Path) -> list[dict[str, Any]]:

@@ -12,8 +12,7 @@ from raw_camera import LEFT, SIDE, TOP, raw_frame
 
 from tactibench import UserError
 from tactibench.datasets import import_folder, open_recording, read_options
-from tactibench.markers import Tracker, count_pins, rest_layout
-from tactibench.markers.pin_view import find_pin_view, is_raw
+from tactibench.markers import Tracker, count_pins, find_pin_view, is_raw, rest_layout
 
 PLACES = [(x, y) for x in (-3.0, 0.0, 3.0) for y in (-3.0, 0.0, 3.0)]
 

@@ -10,15 +10,20 @@ from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.datasets import (
+    EXPONENT,
     ImportOptions,
+    Pivot,
+    RecordingFit,
+    direction_of,
+    fit_pivot,
     fit_recording,
     indentation,
+    middle_of_spread,
     open_recording,
     presses_to_fit,
+    spread_of,
 )
 from tactibench.datasets import pivot as pivot_module
-from tactibench.datasets.pivot import EXPONENT, Pivot, RecordingFit, fit_pivot
-from tactibench.datasets.spreads import direction_of, middle_of_spread, spread_of
 
 
 def presses(count=600, seed=0):
@@ -175,7 +180,7 @@ def test_an_even_shift_of_all_pins_is_no_spread():
 def simulated():
     """Spreads of simulated plate presses of known depth and tilt."""
     from tactibench.markers import Tracker
-    from tactibench.plugins.host import PluginHost
+    from tactibench.plugins import PluginHost
 
     spec = PluginHost().sensors["tactip-331"]
     depth, tilt, _ = presses(120, 3)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import find_format, import_folder, open_recording, read_options
-from tactibench.datasets.readers.table import read_table
+from tactibench.datasets import find_format, import_folder, open_recording, read_options, read_table
 
 
 def frames(folder, count, stem="f"):

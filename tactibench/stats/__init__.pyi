@@ -1,0 +1,37 @@
+"""Public names of tactibench.stats, and the modules that define them."""
+
+from .bca import acceleration as acceleration
+from .bca import bca_interval as bca_interval
+from .bca import bootstrap_values as bootstrap_values
+from .bca import cluster_weights as cluster_weights
+from .bca import jackknife_values as jackknife_values
+from .bca import r_squared as r_squared
+from .cases import DOUBLE as DOUBLE
+from .cases import crossing as crossing
+from .cases import doubling as doubling
+from .cases import mean_ratio as mean_ratio
+from .clusters import FloatArray as FloatArray
+from .clusters import IntArray as IntArray
+from .clusters import Labels as Labels
+from .clusters import cluster_codes as cluster_codes
+from .clusters import cluster_sums as cluster_sums
+from .clusters import finite as finite
+from .crossed import adjust_pairs as adjust_pairs
+from .crossed import crossed_interval as crossed_interval
+from .crossed import crossed_p_values as crossed_p_values
+from .crossed import welch_p_values as welch_p_values
+from .intervals import Estimate as Estimate
+from .intervals import effective_size as effective_size
+from .intervals import mean_interval as mean_interval
+from .intervals import positive_mean_interval as positive_mean_interval
+from .intervals import rate_interval as rate_interval
+from .intervals import ratio_interval as ratio_interval
+from .intervals import rms_interval as rms_interval
+from .intervals import root as root
+from .intervals import share_interval as share_interval
+from .intervals import t_quantile as t_quantile
+from .paired import grouped as grouped
+from .paired import holm as holm
+from .paired import sign_flip_p as sign_flip_p
+from .paired import sign_flip_ps as sign_flip_ps
+from .ranks import median_by_ranks as median_by_ranks

@@ -1,0 +1,32 @@
+"""Public names of tactibench.sweep, and the modules that define them."""
+
+from .cluster import NO_GPU as NO_GPU
+from .cluster import Capacity as Capacity
+from .cluster import Cluster as Cluster
+from .cluster import Storage as Storage
+from .cluster import WorkerLossError as WorkerLossError
+from .cluster import check_workers as check_workers
+from .cluster import count_cores as count_cores
+from .cluster import local_cluster as local_cluster
+from .cluster import remote_cluster as remote_cluster
+from .data_sets import DatasetTask as DatasetTask
+from .data_sets import list_data_sets as list_data_sets
+from .data_sets import press_data_set as press_data_set
+from .plan import CellPlan as CellPlan
+from .plan import plan_cells as plan_cells
+from .plan import plan_requests as plan_requests
+from .run import CellResult as CellResult
+from .run import Outcome as Outcome
+from .run import list_jobs as list_jobs
+from .run import result_rows as result_rows
+from .run import run_cell as run_cell
+from .run import run_jobs as run_jobs
+from .run import run_sweep as run_sweep
+from .run import train_weights as train_weights
+from .spec import AXES as AXES
+from .spec import Cell as Cell
+from .spec import DatasetSpec as DatasetSpec
+from .spec import SweepSpec as SweepSpec
+from .spec import list_cells as list_cells
+from .spec import read_choice as read_choice
+from .spec import read_sweep as read_sweep
