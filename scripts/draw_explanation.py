@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from tactibench.board import TRIVIAL, Row, gather_records, latency, machine, select_section
-from tactibench.protocols import protocol_versions
 from tactibench.records import atomic
 from tactibench.report import (
     GREY,
@@ -54,17 +53,14 @@ HEADS = (
 def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
     """Return the rows of a board: the sensor with most runs, default parameters, no trivial models.
 
-    Models are trained and tested on that sensor. The rows are of the newest version of the protocol
-    that has records. Rows with another encoder, with mixing or with other changes are left out.
+    Models are trained and tested on that sensor. Rows with another encoder, with mixing or with
+    other changes are left out.
 
     Args:
         protocol: Name of the protocol.
         board: Folder of the boards.
     """
-    of_versions = (
-        gather_records(version.name, board, None) for version in protocol_versions(protocol)
-    )
-    section = select_section(next(filter(None, of_versions), []), None, protocol)
+    section = select_section(gather_records(protocol, board, None), None, protocol)
     return [row for row in section.rows if _model(row) not in TRIVIAL and _plain(row)]
 
 

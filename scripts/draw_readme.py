@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from tactibench.board import OverviewLine, model_text, read_submissions, records_of_version
+from tactibench.board import OverviewLine, model_text, read_submissions
 from tactibench.board.overview import overview
 from tactibench.protocols import load_protocol, overview_spec, shipped_files
 from tactibench.report import table_lines
@@ -32,10 +32,7 @@ OTHER_ENCODERS = frozenset({"depth", "offset"})
 
 def read_lines() -> list[OverviewLine]:
     """Return the lines of the README: trained on single presses of tactip-127, default settings."""
-    records = {
-        name: records_of_version(read_submissions(BOARD, name), load_protocol(name))
-        for name in shipped_files()
-    }
+    records = {name: read_submissions(BOARD, name) for name in shipped_files()}
     return [line for line in overview(records) if _shown(line)]
 
 

@@ -21,7 +21,6 @@ from tactibench.board import (
     all_press_errors,
     ranking_error,
     read_submissions,
-    records_of_version,
     row_difference,
     sections_of,
 )
@@ -89,7 +88,7 @@ class Board:
     def __init__(self, protocol: str) -> None:
         self.protocol = protocol
         version = load_protocol(protocol)
-        records = records_of_version(read_submissions(BOARD, protocol), version)
+        records = read_submissions(BOARD, protocol)
         nominal = [section for section in sections_of(records) if section.kind == NOMINAL]
         self.rows = next((section.rows for section in nominal if section.origin == "simulated"), ())
         self.published = [

@@ -47,7 +47,6 @@ def freeze_what_is_imported() -> None:
 
 RANKED = {
     "exp1": ("gospa1_mm", "all"),
-    "exp1@1": ("mae_mm", "mean"),
     "exp2": ("distance_penalised_mm", "all"),
     "exp3": ("gospa1_mm", "all"),
     "fine": ("distance_penalised_mm", "all"),
@@ -84,7 +83,7 @@ def fabricated(
     metrics: tuple[tuple[str, str, float | None], ...] = (),
     **more: Any,
 ) -> Record:
-    """A valid record. protocol: its id, or the label of an archived version. error: of the metric
+    """A valid record. protocol: its id. error: of the metric
     that orders the board; settings, sensor: parameters that are not at their defaults."""
     from tactibench.protocols import load_protocol
     from tactibench.records import Record

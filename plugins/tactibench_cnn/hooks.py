@@ -25,7 +25,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "recipe",
                     "show the network the sensor at rest too, auto: where every frame brings it",
                     choices=("recipe", "auto", "never"),
-                    before="never",
                 ),
             ),
             answers=("contacts", "plate"),

@@ -23,7 +23,6 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "presses that protocols of spherical tips take: published, those in their own "
                     "range; own, all; auto: all where the sensor is flat",
                     choices=("auto", "published", "own"),
-                    before="published",
                 ),
                 Parameter(
                     "depth_offset_mm",
@@ -47,13 +46,11 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "q of that depth",
                     low=-1000.0,
                     high=1000.0,
-                    before=0.0,
                 ),
                 Parameter(
                     "fit_side",
                     True,
                     "labels that are fitted: q as well; off, as before it was known: q = 0",
-                    before=False,
                 ),
                 Parameter(
                     "labels",
@@ -86,7 +83,6 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "trust_labels",
                     False,
                     "take labels that the frames contradict; a row shows it",
-                    before=False,
                     checks_only=True,
                 ),
                 Parameter(

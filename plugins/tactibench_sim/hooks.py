@@ -57,9 +57,8 @@ OPTICAL = (
         "irregularity of the reflections, 0: none",
         low=0.0,
         high=1.0,
-        before=0.0,
     ),
-    Parameter("glare_seed", 0, "which irregular reflections", low=0, high=10**9, before=0),
+    Parameter("glare_seed", 0, "which irregular reflections", low=0, high=10**9),
     Parameter("red", 0.92, "red share of white light (output rgb)", low=0.05, high=1.0),
     Parameter("green", 0.98, "green share of white light (output rgb)", low=0.05, high=1.0),
     Parameter("blue", 1.0, "blue share of white light (output rgb)", low=0.05, high=1.0),
@@ -79,7 +78,6 @@ VERSION = Parameter(
     1,
     "2: lever, camera and pins as fitted to the real sensor; 1: as stored runs have them",
     choices=(1, 2),
-    before=1,
 )
 FITTED_OUTPUT: dict[str, str | float] = {"threshold": 50.0}
 FITTED_CAMERA = {**FITTED_OUTPUT, "lens": "fisheye", "window_thickness": 0.0}
@@ -129,14 +127,12 @@ DOME = (
         "train on so many sensor instances (10 and on), 0 or 1: on one; tests stay nominal",
         low=0,
         high=1000,
-        before=0,
     ),
     Parameter(
         "ranges",
         1,
         "ranges that instance is drawn from, 1: assumed, 2: tolerances, as for instances",
         choices=(1, 2),
-        before=1,
     ),
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
     Parameter(
@@ -145,15 +141,8 @@ DOME = (
         "Coulomb's coefficient of tips that move sideways (dx, dy, dyaw of a pose); 0: no drag",
         low=0.0,
         high=2.0,
-        before=0.0,
     ),
 )
-RETIRED: dict[str, dict[str, str]] = {
-    "tier": {"auto": "coupled", "green": "coupled"},
-    "tolerance": {},
-    "allow_fem": {},
-}
-"""Parameters of the domes in older records -> old value -> the value that replaces it now."""
 
 PLANAR = (
     Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose")),
@@ -172,7 +161,6 @@ FITTED = (
         1,
         "2: pins as large as in real frames, larger when pressed; 1: as stored runs have them",
         choices=(1, 2),
-        before=1,
     ),
     Parameter("size", 256, "frame side, px", low=32, high=1024),
     Parameter("drag", 5.0, "a plate's sideways travel, at most, mm", low=0.0, high=20.0),
@@ -195,7 +183,7 @@ FITTED = (
         built_in=("", "127", "331"),
     ),
     *(
-        replace(p, before=p.default)
+        p
         for p in OPTICAL
         if p.name.startswith(("glare", "threshold")) or p.name in {"output", "leds"}
     ),
@@ -216,7 +204,6 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             summary=f"simulated TacTip, {pins} pins, finite-element fields, camera behind a window",
             parameters=(*DOME, *camera),
             origin="simulated",
-            retired=RETIRED,
             versions={2: VERSIONS[pins]},
         )
         for pins, camera in optics.items()

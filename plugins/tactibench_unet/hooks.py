@@ -19,9 +19,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("recipe", "default", "training recipe", choices=("default", "paper")),
                 Parameter("width", 8, "channels of the first level", choices=(8, 16, 32, 64)),
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
-                Parameter(
-                    "stem", 4, "stride of the first convolutions", choices=(1, 2, 4), earlier=(2,)
-                ),
+                Parameter("stem", 4, "stride of the first convolutions", choices=(1, 2, 4)),
                 Parameter(
                     "mirror",
                     "recipe",
@@ -42,8 +40,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "-1: the recipe's, where the frames allow it",
                     low=-1.0,
                     high=10.0,
-                    before=0.0,
-                    earlier=(0.0,),
                 ),
                 Parameter(
                     "neighbours",
@@ -51,7 +47,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "what mixed contacts do to each other: dome (mechanics of a nominal dome) or "
                     "none (plain addition)",
                     choices=("dome", "none"),
-                    before="dome",
                 ),
                 Parameter(
                     "faults",
@@ -59,7 +54,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "share of the training frames under faults of camera and light",
                     low=0.0,
                     high=1.0,
-                    before=0.0,
                 ),
             ),
             answers=("contacts", "plate"),

@@ -97,7 +97,6 @@ from .submissions import compact as compact
 from .submissions import press_errors as press_errors
 from .submissions import read_submissions as read_submissions
 from .submissions import read_untrusted as read_untrusted
-from .submissions import records_of_version as records_of_version
 from .submissions import refuse_names as refuse_names
 from .submissions import refuse_twins as refuse_twins
 from .submissions import slot as slot

@@ -86,8 +86,7 @@ def read_facts(frames: FrameSource) -> Facts:
     }
     if tested.origin != "simulated" or tested.reference_of:
         counts["simulator"] = []
-    elif not (request.protocol.archived and request.protocol.spec.families):
-        # The settings that families of an archived version gave a sensor may be gone.
+    else:
         errors = [simulator_error(frame_set) for frame_set in plan.test]
         counts["simulator"] = [error for error in errors if error is not None]
     space = None

@@ -8,21 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from tactibench.board.rows import Row, label_of
-from tactibench.records import Record, Value, canonical, digest
-
-RETIRED = frozenset({"tolerance", "allow_fem"})
-"""Parameters of simulated sensors that only older records have; they changed no frame."""
-ADDED: Mapping[str, Value] = {
-    "instances": 0,
-    "ranges": 1,
-    "version": 1,
-    "friction": 0.0,
-    "glare_scatter": 0.0,
-    "glare_seed": 0,
-    "pivot_side_mm": 0.0,
-    "trust_labels": False,
-}
-"""Parameters that older records lack, and the values that give the same frames as before."""
+from tactibench.records import Record, canonical, digest
 
 
 def row_key(record: Record) -> list[Any]:
@@ -58,22 +44,14 @@ def section_key(record: Record, *, frames: bool = True) -> list[Any]:
     ]
     if test is None:
         return key
-    key += [test.name, _lasting(test.parameters)]
+    key += [test.name, test.parameters]
     return [*key, test.trained_on] if test.trained_on else key
 
 
 def training_sensor(record: Record) -> list[Any]:
     """Return everything that two records must share to be trained on one sensor, as JSON values."""
     sensor = record.sensor
-    return [sensor.origin, sensor.name, _lasting(sensor.parameters)]
-
-
-def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
-    return {
-        name: value
-        for name, value in parameters.items()
-        if name not in RETIRED and not (name in ADDED and value == ADDED[name])
-    }
+    return [sensor.origin, sensor.name, sensor.parameters]
 
 
 def trained_for(records: Iterable[Record]) -> list[Record]:

@@ -14,7 +14,6 @@ from tactibench.board.submissions import (
     all_press_errors,
     compact,
     read_submissions,
-    records_of_version,
     slot,
 )
 from tactibench.protocols import Ranking, version_of
@@ -70,7 +69,7 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     committed = board / FOLDER / record.protocol.id
     if ranking is None or protocol is None or shortened or not committed.is_dir():
         return None
-    all_records = records_of_version(read_submissions(board, record.protocol.id), protocol)
+    all_records = read_submissions(board, record.protocol.id)
     compacted, key = compact(record), canonical(section_key(record))
     others = [
         other

@@ -112,12 +112,12 @@ def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record
 
 
 def all_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
-    """Return committed records of one version of a protocol, and complete runs of a store.
+    """Return the committed records of a protocol, and complete runs of a store.
 
     Of several runs of one row and seed the newest is taken.
 
     Args:
-        protocol: Id of the protocol, for the present version, or the label of an earlier one.
+        protocol: Id of the protocol.
         board: Folder of the board.
         runs: Folder of the run store; None: committed records alone.
 
@@ -129,9 +129,10 @@ def all_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     records: dict[str, Record] = {slot(record): record for record in records_of(board, name)}
     stored = [run.record for run in stored_runs(runs)] if runs is not None else []
     for record in sorted(stored, key=lambda record: (record.created, record.name)):
-        if record.protocol.id == name and not record.partial:
+        stated = record.protocol
+        if (stated.id, stated.hash) == (name, loaded.hash) and not record.partial:
             records[slot(record)] = record
-    return [r for r in records.values() if r.protocol.hash == loaded.hash]
+    return list(records.values())
 
 
 def select_section(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:

@@ -29,11 +29,9 @@ from tactibench.board.predictions import (
 from tactibench.board.rows import label_of
 from tactibench.errors import UserError
 from tactibench.protocols import (
-    LoadedProtocol,
     protocol_files,
-    protocol_versions,
+    recorded_version,
     unknown_protocol,
-    version_of,
 )
 from tactibench.records import (
     CHECKSUM,
@@ -115,10 +113,9 @@ def add(run: StoredRun, board: Path) -> Submission:
 
 
 def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
-    """Return the errors to rank by; none where the version of the protocol is not kept."""
-    protocol = version_of(run.record.protocol.id, run.record.protocol.hash)
-    if protocol is None:
-        return {}
+    """Return the errors to rank by."""
+    stated = run.record.protocol
+    protocol = recorded_version(stated.label, stated.hash, str(run.folder))
     return ranked_errors(protocol.spec, run.arrays("truth"), predicted)
 
 
@@ -149,23 +146,15 @@ def read_submissions(board: Path, protocol: str) -> list[Record]:
     """Return all committed records of a protocol, sorted by the name of the file.
 
     Raises:
-        UserError: A file is no valid record of a complete run of this protocol under its own name,
-            or two records are of the same row and seed.
+        UserError: A file is no valid record of a complete run of this protocol, in its present
+            version, under its own name; or two records are of the same row and seed.
     """
     records = [_read(path) for path in _files(board / FOLDER / protocol)]
+    versions = {(record.protocol.label, record.protocol.hash): record.name for record in records}
+    for (label, content_hash), name in versions.items():
+        recorded_version(label, content_hash, name)
     refuse_twins(records)
     return records
-
-
-def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> list[Record]:
-    """Return the records of one version of their protocol.
-
-    Records of a version that is no longer available stand with the present one, which says so.
-    """
-    if protocol.archived:
-        return [record for record in records if record.protocol.hash == protocol.hash]
-    others = {version.hash for version in protocol_versions(protocol.spec.id) if version.archived}
-    return [record for record in records if record.protocol.hash not in others]
 
 
 def refuse_twins(records: Sequence[Record]) -> None:

@@ -18,7 +18,7 @@ from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.frames import spread
 from tactibench.plugins import PluginHost, Stage
-from tactibench.protocols import name_of, version_of
+from tactibench.protocols import version_of
 from tactibench.records import (
     PARTS,
     BoundSpec,
@@ -153,7 +153,7 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
         bound["encoder"] = BoundSpec.of_record(host.encoders, record.encoder)
     options = () if test is None else tuple(test.options)
     return RunRequest(
-        name_of(record.protocol.id, record.protocol.hash),
+        record.protocol.id,
         record.model.name,
         regime=record.regime,
         sensor=record.sensor.name,
@@ -259,7 +259,7 @@ def refuse_noise(load: Load) -> None:
 def _refuse_untimed(record: Record) -> None:
     """Raise UserError for a run whose model changes between frames or that has no times."""
     protocol = version_of(record.protocol.id, record.protocol.hash)
-    if protocol is None or protocol.archived:
+    if protocol is None:
         raise UserError(f"{record.name} is of an earlier version of its protocol; run it again.")
     if protocol.spec.families:
         raise UserError(f"{record.name} is of a protocol that times no model.")

@@ -52,7 +52,7 @@ def compare_trainings(records: Iterable[tuple[Record, LoadedProtocol]]) -> Train
     """Compare the weights of records.
 
     Records of a present version with a checksum must keep the rule. Records without a checksum are
-    counted only, and archived versions are left out.
+    counted only.
 
     Args:
         records: Records, each with the version of its protocol that it stands with.
@@ -60,8 +60,6 @@ def compare_trainings(records: Iterable[tuple[Record, LoadedProtocol]]) -> Train
     sealed: dict[str, list[Record]] = {}
     older: dict[str, list[Record]] = {}
     for record, protocol in records:
-        if protocol.archived or record.protocol.hash != protocol.hash:
-            continue
         group = older if record.identity.checksum is None else sealed
         group.setdefault(canonical(training_key(record, protocol.spec)), []).append(record)
     return Trainings(

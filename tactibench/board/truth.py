@@ -114,8 +114,6 @@ def make_test_set(
         UserError: The test set cannot be made on this machine, or the record does not agree with
             its own options.
     """
-    if protocol.archived:
-        protocol = _without_sensor_settings(protocol)
     options = _test_options(record, source)
     if protocol.spec.transfer is None and options.shots != record.shots:
         raise UserError(
@@ -128,7 +126,7 @@ def make_test_set(
             "tested, not in the one trained on; name the folder of the tested one with --data DIR."
         )
     sensor = _sensor(record, source)
-    tested = _as_old_as(record, resolve_test_sensor(options, protocol.spec, sensor, source.host))
+    tested = resolve_test_sensor(options, protocol.spec, sensor, source.host)
     request = FrameRequest(
         protocol=protocol,
         regime=record.regime,
@@ -156,7 +154,6 @@ def make_test_set(
     counts = labelled_counts(record, protocol)
     if protocol.spec.transfer is not None:
         _check_same_recording(record, facts.target, request.test_data)
-    # Records that are older than the two-point limit do not state it.
     limits = bool(record.metric(LIMIT, "all"))
     truth = source.keep(
         ["truth", *identity, limits, counts], lambda: _truth(frames(), counts, limits)
@@ -171,17 +168,6 @@ def _truth(frames: FrameSource, counts: tuple[int, ...], limits: bool) -> Arrays
         return _recorded_truth(frames)
     truth = _drawn_truth(frames)
     return truth | _limits(frames) if limits else truth
-
-
-def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:
-    """Return the protocol with families that press with the unchanged sensor.
-
-    A setting such as the tier changes frames but no presses. So the truth of a version can be made
-    again although the setting that it names no longer exists.
-    """
-    families = [family.model_copy(update={"sensor": {}}) for family in protocol.spec.families]
-    spec = protocol.spec.model_copy(update={"families": tuple(families)})
-    return replace(protocol, spec=spec)
 
 
 def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:
@@ -238,25 +224,6 @@ def _test_options(record: Record, source: Source) -> TestOptions:
     options = read_test_options(texts, hidden=HIDDEN in test.options)
     # A record holds only the last two names of the folder's path.
     return options if options.data is None else replace(options, data=source.data)
-
-
-def _as_old_as(
-    record: Record, tested: BoundSpec[SensorSpec] | None
-) -> BoundSpec[SensorSpec] | None:
-    """Return the tested sensor with no parameter that is newer than the record.
-
-    The options of a record name what was asked for. A parameter that came later has the value that
-    stands for the time before it.
-    """
-    if tested is None or record.test_sensor is None:
-        return tested
-    held = record.test_sensor.parameters
-    older = {
-        p.name: p.before
-        for p in tested.spec.parameters
-        if p.before is not None and p.name not in held
-    }
-    return BoundSpec(tested.spec, {**tested.values, **older}, tested.origin)
 
 
 def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:

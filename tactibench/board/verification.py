@@ -37,14 +37,11 @@ from tactibench.board.submissions import (
     refuse_partial,
 )
 from tactibench.board.truth import Source, labelled_counts, make_test_set
-from tactibench.errors import UserError, describe_exception, did_you_mean
+from tactibench.errors import UserError, describe_exception
 from tactibench.plugins.alarm import alarm
 from tactibench.protocols import (
-    LoadedProtocol,
-    protocol_files,
-    protocol_versions,
     recorded_seed,
-    version_of,
+    recorded_version,
 )
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records import Metric, Record, arrays_hash, make_signature, parse_record
@@ -168,7 +165,8 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     refuse_names(record, str(path))
     refuse_misplaced(record, path)
     refuse_partial(record, str(path))
-    protocol = _kept_protocol(record, path)
+    stated = record.protocol
+    protocol = recorded_version(stated.label, stated.hash, str(path))
     refuse_signature(record, str(path))
     refuse_forms(record, values, str(path))
     refuse_components(record, protocol, source.host, str(path))
@@ -207,29 +205,12 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     failed = failures_record(answers, truth["group"].tolist()) if guarded else None
     refuse_failures(record, failed, str(path))
     again = score_arrays(protocol.spec, truth, answers, {})
-    stated = refuse_differences(record.metrics, again, str(path))
+    on_trust = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     from_answers = tuple(row for row in again if row.metric not in FROM_MAPS)
     return Verdict(
-        path, record, frames, from_answers, (*on_word(test.derived), *stated), neighbours
+        path, record, frames, from_answers, (*on_word(test.derived), *on_trust), neighbours
     )
-
-
-def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:
-    stated, files = record.protocol, protocol_files()
-    if stated.id not in files:
-        raise UserError(
-            f"{path} answers protocol {stated.id!r}, which is not installed; "
-            f"{did_you_mean(stated.id, files)} TACTIBENCH_PROTOCOLS names a folder of others."
-        )
-    protocol = version_of(stated.id, stated.hash)
-    if protocol is None or protocol.spec.version != stated.version:
-        present = protocol_versions(stated.id)[0]
-        raise UserError(
-            f"{path} answers {stated.label} ({stated.hash[:8]}), but the "
-            f"present one is {present.label} ({present.hash[:8]}); run the protocol again."
-        )
-    return protocol
 
 
 def refuse_signature(record: Record, where: str) -> None:

@@ -55,7 +55,7 @@ def show(protocol: str, board_folder: Path) -> None:
 
     check_folder(board_folder)
     loaded = load_protocol(protocol)
-    name = loaded.name
+    name = loaded.spec.id
     tables = [first for first, _ in first_tables(board_folder, loaded)]
     if not tables:
         raise UserError(
@@ -284,7 +284,7 @@ def time_board(
         if run.record.protocol.hash == asked.hash
     ]
     if not runs:
-        raise UserError(f"{store} holds no complete run of {asked.name} that is asked for.")
+        raise UserError(f"{store} holds no complete run of {asked.spec.id} that is asked for.")
     timed = time_runs(
         runs, data=data, calls=calls, anyway=anyway, board=board_folder if commit else None
     )

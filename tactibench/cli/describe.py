@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 def describe(name: str) -> None:
     """Show the details of a model, sensor, encoder or protocol called NAME."""
     from tactibench.plugins import PluginHost
-    from tactibench.protocols import archived_files, protocol_files
+    from tactibench.protocols import protocol_files
 
     host = PluginHost()
-    files = protocol_files() | archived_files()
+    files = protocol_files()
     known = [*files, *(spec.name for catalogue in host.catalogues for spec in catalogue)]
     shown = 0
     for catalogue in host.catalogues:
@@ -79,17 +79,12 @@ def _range(parameter: Any) -> str:
 
 
 def _show_protocol(name: str) -> None:
-    from tactibench.protocols import load_protocol, protocol_versions
+    from tactibench.protocols import load_protocol
 
     protocol = load_protocol(name)
     spec = protocol.spec
     echo(f"protocol {protocol.label}: {spec.title}")
     echo(f"  hash      {protocol.hash}")
-    versions = [
-        version.label for version in protocol_versions(spec.id) if version.hash != protocol.hash
-    ]
-    if versions:
-        echo(f"  versions  {', '.join(versions)}")
     echo(f"  asks for  {spec.answer}")
     for draw in spec.draws:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)

@@ -78,9 +78,7 @@ def report(
         raise UserError(f"there is no run store in {store}; name one with --store DIR.")
     if site is not None and origin == AUTO:
         origin = RUNS if named else BOARD
-    data = gather(
-        store, board_folder, origin=origin, protocols=protocols, archived=site is not None
-    )
+    data = gather(store, board_folder, origin=origin, protocols=protocols)
     terminal = Terminal()
     if site is not None:
         with terminal.task("site", len(data.boards) + 1) as advance:

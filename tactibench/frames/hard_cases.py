@@ -214,13 +214,10 @@ class HardCaseFrames(DrawnFrames):
         try:
             changed = component.spec.settings(given)
         except UserError as error:
-            change = f"family {family.name!r} of protocol {protocol.name!r} changes the sensor"
-            if protocol.archived:
-                raise UserError(
-                    f"{change} in a way that is no longer there; results of this version can be "
-                    f"read, and `run {self.spec.id}` runs the present one."
-                ) from None
-            raise UserError(f"{change}: {error}") from None
+            raise UserError(
+                f"family {family.name!r} of protocol {protocol.spec.id!r} changes the sensor: "
+                f"{error}"
+            ) from None
         values = {**component.values, **{name: changed[name] for name in given}}
         return replace(frames, component=BoundSpec(component.spec, values, component.origin))
 

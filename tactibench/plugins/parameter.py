@@ -29,13 +29,9 @@ class Parameter:
         high: Largest allowed number.
         decode_only: For encoders: changes how maps are read, but not the maps that a model is
             trained on, so that trained weights stay valid.
-        before: The value in records that are older than the parameter; None: every record states
-            its value.
         built_in: For a parameter that can name a file: the values that need no file of the user;
             empty for all others. A committed record has one of them, because no file that a record
             names is opened.
-        earlier: Values that were the default once, so that an older record does not name the
-            parameter among those that were changed.
         checks_only: For sensors: decides what is refused, and changes no frame; at its default it
             is no part of what identifies frames.
 
@@ -51,9 +47,7 @@ class Parameter:
     low: float | None = None
     high: float | None = None
     decode_only: bool = False
-    before: Value | None = None
     built_in: tuple[Value, ...] = ()
-    earlier: tuple[Value, ...] = ()
     checks_only: bool = False
 
     def __post_init__(self) -> None:

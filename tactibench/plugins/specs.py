@@ -44,7 +44,6 @@ class _Spec(Generic[T]):
 
     Attributes:
         _BASE: Name of the class in ``tactibench.plugins.base`` that the target inherits from.
-        retired: Parameter -> values that no longer exist -> the values that stand for them now.
     """
 
     _BASE = ""
@@ -53,7 +52,6 @@ class _Spec(Generic[T]):
     target: str
     summary: str
     parameters: tuple[Parameter, ...] = ()
-    retired: Mapping[str, Mapping[str, str]] = field(default_factory=dict, hash=False, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
@@ -113,36 +111,20 @@ class _Spec(Generic[T]):
                 raise UserError(
                     f"{self.name!r} has no parameter {name!r}; {did_you_mean(name, by_name)}"
                 )
-            instead = self.retired.get(name, {}).get(given[name])
-            if instead is not None:
-                allowed = ", ".join(str(choice) for choice in by_name[name].choices)
-                raise UserError(
-                    f"{self.name!r} no longer has {name}={given[name]}; take {name}={instead} "
-                    f"instead{f' (allowed: {allowed})' if allowed else ''}."
-                )
         set_values = {name: by_name[name].parse(text) for name, text in given.items()}
         return {**self.defaults(set_values), **set_values}
 
     def settings_of_record(self, stored: Mapping[str, object]) -> dict[str, Value]:
-        """Return the settings that a record holds, in terms of today's parameters.
-
-        Values in ``retired`` become those that stand for them now, and a retired parameter that no
-        longer exists is left out. A parameter that is newer than the record has the value that it
-        had then (``Parameter.before``).
+        """Return the settings that a record holds; parameters that this spec lacks are left out.
 
         Args:
             stored: Name of a parameter -> value in the record.
 
         Raises:
-            UserError: A parameter is unknown, or a value is not allowed.
+            UserError: A value is not allowed.
         """
-        today = {parameter.name for parameter in self.parameters}
-        given = {p.name: str(p.before) for p in self.parameters if p.before is not None}
-        for name, value in stored.items():
-            if name in today or name not in self.retired:
-                text = str(value)
-                given[name] = self.retired.get(name, {}).get(text, text)
-        return self.settings(given)
+        known = {parameter.name for parameter in self.parameters}
+        return self.settings({name: str(stored[name]) for name in stored if name in known})
 
 
 @dataclass(frozen=True)

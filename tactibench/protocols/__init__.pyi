@@ -37,13 +37,11 @@ from .hidden_seed import committed_seed as committed_seed
 from .hidden_seed import given_seed as given_seed
 from .hidden_seed import recorded_seed as recorded_seed
 from .loader import LoadedProtocol as LoadedProtocol
-from .loader import archived_files as archived_files
 from .loader import load_protocol as load_protocol
-from .loader import name_of as name_of
 from .loader import protocol_files as protocol_files
 from .loader import protocol_titles as protocol_titles
-from .loader import protocol_versions as protocol_versions
 from .loader import read_protocol as read_protocol
+from .loader import recorded_version as recorded_version
 from .loader import shipped_files as shipped_files
 from .loader import unknown_protocol as unknown_protocol
 from .loader import version_of as version_of

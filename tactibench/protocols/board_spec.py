@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import archived_files, protocol_files
+from tactibench.protocols.loader import protocol_files
 from tactibench.shipped import shipped_folder
 
 SUFFIX = ".board.toml"
@@ -214,16 +214,13 @@ def board_spec(protocol: str) -> BoardSpec:
     """Return what the board of a protocol shows; an empty spec where it has no board file.
 
     Args:
-        protocol: Id or label of the protocol. An archived version may have a board file of its own;
-            where it has none, it is shown as the present version.
+        protocol: Id or label of the protocol.
 
     Raises:
         UserError: The board file cannot be read, has a wrong or missing key, or names a common
             table that does not exist.
     """
-    path = archived_files().get(protocol)
-    if path is None or not path.with_suffix(SUFFIX).is_file():
-        path = protocol_files().get(protocol.partition("@")[0])
+    path = protocol_files().get(protocol.partition("@")[0])
     return BoardSpec() if path is None else read_board_spec(path)
 
 

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 VARIABLE = "TACTIBENCH_PROTOCOLS"
 """Environment variable: a folder of the user's own protocols, each in a file named by its id."""
-ARCHIVE = "archive"
-"""Folder, beside the present protocols, of earlier versions, each in a file named by its label:
-``archive/exp1@1.toml``, with its list of test frames where it has one."""
+READER = "e6a49ac9"
+"""Commit whose code reads the records and protocols of other forms than the present one."""
 
 
 @dataclass(frozen=True)
@@ -45,16 +44,6 @@ class LoadedProtocol:
         """Name with version, as "exp1@1"."""
         return self.spec.label
 
-    @property
-    def archived(self) -> bool:
-        """True for an earlier version, kept so that its results can be read and checked."""
-        return self.path.stem == self.label and self.path.parent.name == ARCHIVE
-
-    @property
-    def name(self) -> str:
-        """Name that loads it: its id, or its label where it is archived."""
-        return self.label if self.archived else self.spec.id
-
 
 def shipped_files() -> dict[str, Path]:
     """Return name -> file of every protocol that ships with tactibench."""
@@ -75,40 +64,42 @@ def _files_in(folder: Path) -> dict[str, Path]:
     return {path.stem: path for path in files if "." not in path.stem}  # no exp1.board.toml
 
 
-def archived_files() -> dict[str, Path]:
-    """Return label ("exp1@1") -> file of every earlier version of the protocols that ship."""
-    files = sorted((shipped_folder("protocols") / ARCHIVE).glob("*@*.toml"))
-    return {path.stem: path for path in files if "." not in path.stem}
-
-
-def protocol_versions(name: str) -> tuple[LoadedProtocol, ...]:
-    """Return the present version of a shipped protocol, then the earlier ones, the newest first.
-
-    Args:
-        name: Id of the protocol. The result is empty where no protocol has it.
+def version_of(name: str, content_hash: str) -> LoadedProtocol | None:
+    """Return the protocol with this id and hash; None where there is none.
 
     Raises:
-        UserError: A file cannot be read or validated, see ``read_protocol``.
+        UserError: Its file cannot be read or validated, see ``read_protocol``.
     """
-    present = protocol_files().get(name)
-    if present is None:
-        return ()
-    files = (file for label, file in archived_files().items() if label.partition("@")[0] == name)
-    earlier = sorted(map(read_protocol, files), key=lambda one: -one.spec.version)
-    return (read_protocol(present), *earlier)
+    path = protocol_files().get(name)
+    present = None if path is None else read_protocol(path)
+    return present if present is not None and present.hash == content_hash else None
 
 
-def version_of(name: str, content_hash: str) -> LoadedProtocol | None:
-    """Return the version of a shipped protocol with this hash; None where there is none."""
-    return next(
-        (version for version in protocol_versions(name) if version.hash == content_hash), None
-    )
+def recorded_version(label: str, content_hash: str, where: str) -> LoadedProtocol:
+    """Return the protocol that a record answers.
 
+    Args:
+        label: Id and version that the record states, such as "exp1@2".
+        content_hash: Hash that it states.
+        where: Name of the record in messages.
 
-def name_of(name: str, content_hash: str) -> str:
-    """Return the name that loads the version with this hash; the id where there is none."""
-    version = version_of(name, content_hash)
-    return name if version is None else version.name
+    Raises:
+        UserError: The protocol is not installed, or only in another version.
+    """
+    name, files = label.partition("@")[0], protocol_files()
+    if name not in files:
+        raise UserError(
+            f"{where} answers protocol {name!r}, which is not installed; "
+            f"{did_you_mean(name, files)} {VARIABLE} names a folder of others."
+        )
+    present = read_protocol(files[name])
+    if (present.label, present.hash) != (label, content_hash):
+        raise UserError(
+            f"{where} answers {label} ({content_hash[:8]}), but the present one is "
+            f"{present.label} ({present.hash[:8]}); run the protocol again (commit {READER} reads "
+            "records of other versions)."
+        )
+    return present
 
 
 def protocol_titles() -> dict[str, tuple[int, str]]:
@@ -135,11 +126,15 @@ def load_protocol(name: str) -> LoadedProtocol:
         return read_protocol(shipped[name])
     if name in files:
         return _read_own(files[name])
-    versions = {version.label: version for version in protocol_versions(name.partition("@")[0])}
-    if name in versions:
-        return versions[name]
-    if versions and "@" in name:
-        raise UserError(f"there is no {name!r}; versions that are kept: {', '.join(versions)}.")
+    own, _, version = name.partition("@")
+    if version and own in files:
+        present = load_protocol(own)
+        if present.label == name:
+            return present
+        raise UserError(
+            f"there is no {name!r}; the present version is {present.label} (commit {READER} reads "
+            "records of other versions)."
+        )
     path = Path(name)
     if path.suffix != ".toml":
         raise unknown_protocol(name, files)
@@ -163,8 +158,8 @@ def _read_own(path: Path) -> LoadedProtocol:
 
     Raises:
         UserError: The file cannot be read or validated, see ``read_protocol``. Or it has the id of
-            a shipped protocol, but is none of its versions, so that its results would be taken for
-            those of the shipped one. Or it lies in the folder of the user's protocols and has
+            a shipped protocol, but another content, so that its results would be taken for those of
+            the shipped one. Or it lies in the folder of the user's protocols and has
             another name than its id.
     """
     loaded = read_protocol(path)

@@ -21,12 +21,11 @@ from tactibench.board import (
     prior_of,
     ranks,
     read_submissions,
-    records_of_version,
     sections_of,
     whole,
 )
 from tactibench.protocols import Block as BoardTable
-from tactibench.protocols import LoadedProtocol, protocol_files, protocol_versions
+from tactibench.protocols import LoadedProtocol, load_protocol, protocol_files
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records import Record
 from tactibench.report.board_tables import metric_blocks
@@ -57,7 +56,7 @@ def tidy_rows(board: Path) -> list[dict[str, Any]]:
 
 def protocol_rows(board: Path, protocol: LoadedProtocol) -> list[dict[str, Any]]:
     """Return one line for every row and metric of one board, as ``tidy_rows``."""
-    lines, name = [], protocol.name
+    lines, name = [], protocol.spec.id
     sections, errors = _sections(board, protocol)
     for section in sections:
         ranked = ranks(name, section.rows, errors)
@@ -68,8 +67,7 @@ def protocol_rows(board: Path, protocol: LoadedProtocol) -> list[dict[str, Any]]
 
 
 def _protocols() -> list[LoadedProtocol]:
-    """Return all protocols that ship, the present version of each before its archived ones."""
-    return [version for name in protocol_files() for version in protocol_versions(name)]
+    return [load_protocol(name) for name in protocol_files()]
 
 
 def board_csv(lines: list[dict[str, Any]]) -> str:
@@ -89,7 +87,7 @@ def board_latex(board: Path) -> str:
 
 def first_tables(board: Path, protocol: LoadedProtocol) -> Iterator[tuple[Table, list[str]]]:
     """Yield the first table of every section of one board, with the signatures of its runs."""
-    name = protocol.name
+    name = protocol.spec.id
     sections, errors = _sections(board, protocol)
     for section in sections:
         rows = ordered(name, section.rows)
@@ -100,7 +98,7 @@ def first_tables(board: Path, protocol: LoadedProtocol) -> Iterator[tuple[Table,
 
 
 def _sections(board: Path, protocol: LoadedProtocol) -> tuple[list[Section], Errors]:
-    records = records_of_version(read_submissions(board, protocol.spec.id), protocol)
+    records = read_submissions(board, protocol.spec.id)
     return sections_of(whole(records)), all_press_errors(board, records)
 
 

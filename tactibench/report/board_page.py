@@ -24,7 +24,6 @@ from tactibench.board import (
     ordered,
     ranks,
     read_submissions,
-    records_of_version,
     row_on_own_test,
     section_key,
     sections_of,
@@ -37,8 +36,8 @@ from tactibench.protocols import (
     BoardSpec,
     LoadedProtocol,
     PublishedTable,
+    load_protocol,
     protocol_files,
-    protocol_versions,
     published_for,
 )
 from tactibench.protocols.board_spec import board_spec
@@ -71,7 +70,6 @@ from tactibench.report.section_notes import (
     describe_test,
     list_commits,
     missing_trivial,
-    other_version,
     simulator_error,
 )
 from tactibench.report.writers.markdown import markdown
@@ -135,7 +133,6 @@ class BoardPage:
         sections: Tables of each sensor.
         published: Published tables with their heading; empty where no paper has a row.
         timed_on: The machines behind the fingerprints; empty where nothing was timed.
-        versions: Pages of the other versions of the protocol, without ``.md``.
     """
 
     title: str
@@ -143,7 +140,6 @@ class BoardPage:
     sections: tuple[PageSection, ...]
     published: tuple[Block, ...]
     timed_on: tuple[Block, ...] = ()
-    versions: tuple[str, ...] = ()
 
     def markdown(self) -> str:
         """Return the page as it stands under ``leaderboards/``.
@@ -163,9 +159,7 @@ class BoardPage:
             for block in self.published
         )
         body = markdown([*blocks, *self.timed_on])
-        links = ", ".join(f"[{name}]({name}.md)" for name in self.versions)
-        other = f"Other versions of this protocol: {links}.\n\n" if links else ""
-        return f"# {self.title}\n\n{GENERATED}\n\n{other}{body}\n"
+        return f"# {self.title}\n\n{GENERATED}\n\n{body}\n"
 
 
 @dataclass(frozen=True)
@@ -175,8 +169,8 @@ class PageFile:
     Attributes:
         path: File under ``leaderboards/``.
         text: Text that it shall hold.
-        protocol: One version of a protocol.
-        submissions: Records of that version, and of versions that are not kept.
+        protocol: The protocol.
+        submissions: Its records.
     """
 
     path: Path
@@ -211,8 +205,7 @@ class PageFile:
 def page_files(board: Path) -> list[PageFile]:
     """Return the page of every protocol that has committed records, made from them.
 
-    A page that exists already stays even without records, so that a row can be removed. An archived
-    version has a page where it has records.
+    A page that exists already stays even without records, so that a row can be removed.
 
     Args:
         board: Folder of the board.
@@ -228,7 +221,14 @@ def page_files(board: Path) -> list[PageFile]:
                 f"{board} holds records of protocol {name!r}, which is not installed; name the "
                 f"folder of its .toml file in {VARIABLE}."
             )
-    return [page for name in files for page in _version_pages(board, name)]
+    # The board of a laboratory shows its own protocols, not all that ship.
+    shown = {*committed_protocols(board), *(name for name in files if _page(board, name).is_file())}
+    pages = [_page_file(board, load_protocol(name)) for name in files if name in shown]
+    return [page for page in pages if page.submissions or page.path.is_file()]
+
+
+def _page(board: Path, name: str) -> Path:
+    return board / f"{name}.md"
 
 
 def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTable]:
@@ -238,28 +238,12 @@ def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTab
     return published_for(protocol.spec, folder)
 
 
-def _version_pages(board: Path, name: str) -> list[PageFile]:
-    """Return the pages of a protocol: the present version, and other versions with records."""
-    all_records = read_submissions(board, name)
-    if not all_records and not (board / f"{name}.md").is_file():
-        return []  # the board of a laboratory shows its own protocols, not all that ship
-    of_versions = [
-        (version, records_of_version(all_records, version)) for version in protocol_versions(name)
-    ]
-    shown = [
-        (version, records) for version, records in of_versions if records or not version.archived
-    ]
-    names = [protocol.name for protocol, _ in shown]
-    pages = []
-    for protocol, records in shown:
-        tables, errors = published_tables(protocol, board), all_press_errors(board, records)
-        page = board_page(protocol, records, tables, errors)
-        page = replace(
-            page, versions=tuple(version for version in names if version != protocol.name)
-        )
-        path = board / f"{protocol.name}.md"
-        pages.append(PageFile(path, page.markdown(), protocol, tuple(records)))
-    return pages
+def _page_file(board: Path, protocol: LoadedProtocol) -> PageFile:
+    name = protocol.spec.id
+    records = read_submissions(board, name)
+    tables, errors = published_tables(protocol, board), all_press_errors(board, records)
+    page = board_page(protocol, records, tables, errors)
+    return PageFile(_page(board, name), page.markdown(), protocol, tuple(records))
 
 
 def board_page(
@@ -271,13 +255,13 @@ def board_page(
     """Return the page of a board.
 
     Args:
-        protocol: One version of a protocol.
-        records: Records of this version, and of versions that are not kept.
+        protocol: The protocol.
+        records: Its records.
         published: Tables of papers.
         errors: Errors press by press, of the records that have predictions beside them.
     """
     name = protocol.spec.id
-    spec = board_spec(protocol.name)
+    spec = board_spec(name)
     on_section: dict[str, list[Record]] = {}
     for record in records:
         on_section.setdefault(canonical(section_key(record)), []).append(record)
@@ -293,13 +277,11 @@ def board_page(
         )
         for section in sections_of(whole_records)
     )
-    intro = [*_version_note(protocol), *_order(spec)]
+    intro = _order(spec)
     if not sections:
-        text = f"No run has been added yet: `tactibench board add RUN` adds one of {protocol.name}."
+        text = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
         intro.append(prose(text))
-    title = f"{protocol.name}: {protocol.spec.title}"
-    if protocol.archived:
-        title += f" (archived: version {protocol.spec.version})"
+    title = f"{name}: {protocol.spec.title}"
     guides_shown: set[str] = set()
     sections = tuple(
         replace(part, blocks=say_once(part.blocks, guides_shown, set())) for part in sections
@@ -307,16 +289,6 @@ def board_page(
     timed_on = machine_list(row for part in sections for row in part.rows)
     papers = tuple(published_blocks(name, published))
     return BoardPage(title, tuple(intro), sections, papers, tuple(timed_on))
-
-
-def _version_note(protocol: LoadedProtocol) -> list[Block]:
-    if not protocol.archived:
-        return []
-    text = (
-        f"An earlier version of `{protocol.spec.id}`. Its rows can still be verified, but are not "
-        "comparable with those of another version; new runs belong on the present board."
-    )
-    return [prose(text)]
 
 
 def _order(spec: BoardSpec) -> list[Block]:
@@ -338,15 +310,14 @@ def _page_section(
     Args:
         spec: Tables of the board.
         section: Rows of the section.
-        protocol: One version of a protocol.
+        protocol: The protocol.
         records: Records of the section.
         whole_records: Records of all sections that learned from all presses.
         errors: Errors press by press, by the name of the record.
     """
-    name, first = protocol.name, section.record
+    name, first = protocol.spec.id, section.record
     rows = ordered(name, section.rows)
     blocks: list[Block | None] = [
-        *other_version(first, protocol),
         *describe_test(first, any(row.first.shots for row in rows)),
         *count_scenes(first),
         *simulator_error(rows),

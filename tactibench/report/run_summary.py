@@ -21,7 +21,6 @@ from tactibench.board import (
     settled_time,
     times_bound,
 )
-from tactibench.protocols import name_of
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records import Record, SpeedRow
 from tactibench.report.labels import named
@@ -206,7 +205,7 @@ def _next(record: Record, store: Path, place: Placement | None, board: Path) -> 
 
 def _protocol(record: Record) -> str:
     """Return the name under which the protocol version of the record can be run."""
-    return name_of(record.protocol.id, record.protocol.hash)
+    return record.protocol.id
 
 
 def _rest(record: Record, folder: Path) -> Text:

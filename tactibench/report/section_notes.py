@@ -13,23 +13,10 @@ from tactibench.board import (
     trained_on,
     training_instances,
 )
-from tactibench.protocols import LoadedProtocol
 from tactibench.records import Record
 from tactibench.report.document import Block, Inline, Paragraph, Prose, prose
 from tactibench.report.simulator_error import first_line
 from tactibench.report.table import Text
-
-
-def other_version(record: Record, protocol: LoadedProtocol) -> list[Block]:
-    """Return a note on the version that a record was made with, where another one is shown."""
-    made_with = record.protocol
-    if made_with.hash == protocol.hash:
-        return []
-    text = (
-        f"Made with version {made_with.version} of the protocol (`{made_with.hash[:8]}`), "
-        f"which is not the present one (`{protocol.hash[:8]}`)."
-    )
-    return [prose(text)]
 
 
 def describe_test(record: Record, shots: bool) -> list[Block]:

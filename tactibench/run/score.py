@@ -16,9 +16,8 @@ from tactibench.protocols import (
     LoadedProtocol,
     Protocol,
     family_of,
-    protocol_versions,
+    recorded_version,
     subgroup,
-    version_of,
 )
 from tactibench.records import (
     Metric,
@@ -228,19 +227,7 @@ def protocol_of(run: StoredRun) -> LoadedProtocol:
         UserError: The protocol is not installed, or only in another version.
     """
     stated = run.record.protocol
-    protocol = version_of(stated.id, stated.hash)
-    if protocol is not None:
-        return protocol
-    versions = protocol_versions(stated.id)
-    if not versions:
-        raise UserError(
-            f"{run.folder} was made with protocol {stated.id!r}, which is not "
-            "installed; name the folder of its .toml file in TACTIBENCH_PROTOCOLS."
-        )
-    raise UserError(
-        f"{run.folder} was made with {stated.label}, but this tactibench has {versions[0].label}; "
-        "run the protocol again."
-    )
+    return recorded_version(stated.label, stated.hash, str(run.folder))
 
 
 def metric_differences(stored: list[Metric], again: list[Metric]) -> list[str]:

@@ -115,7 +115,6 @@ def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
         ranked = ranks("exp1", found, errors, apart)
         assert ranked is not None
         assert ranked.by_row == (1, 2, 3)
-    assert ranks("exp1@1", rows, errors, "unseen") is None
 
 
 @pytest.mark.parametrize("label", ["exp1", "exp2", "exp3"])

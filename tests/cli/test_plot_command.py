@@ -106,5 +106,5 @@ def test_an_example_draws_the_committed_rows(cli, example):
 
 @pytest.mark.long
 def test_a_panel_of_more_than_six_curves_is_refused(refused):
-    given = ("plot", "stability", "stability@1", "--board", BOARDS, "--errors", "curves.png")
+    given = ("plot", "stability", "stability", "--board", BOARDS, "--errors", "curves.png")
     assert "10 rows are too many for one panel; name at most 6 with --rows" in refused(*given)

@@ -9,12 +9,10 @@ import pytest
 
 from tactibench.errors import UserError
 from tactibench.protocols import (
-    archived_files,
     load_protocol,
-    name_of,
     protocol_files,
-    protocol_versions,
     read_protocol,
+    recorded_version,
     version_of,
 )
 from tactibench.shipped import shipped_folder
@@ -45,44 +43,25 @@ def test_the_hash_of_this_version_is_listed(name: str) -> None:
     assert re.search(r"^- \S", listed[protocol.label][1], flags=re.MULTILINE)
 
 
-def test_every_entry_is_of_a_protocol_and_none_of_a_later_version() -> None:
-    last = {
-        name: max(one.spec.version for one in protocol_versions(name)) for name in protocol_files()
-    }
-    for label in entries(CHANGELOG):
-        name, _, version = label.partition("@")
-        assert int(version) <= last[name]
+def test_every_entry_is_of_a_protocol_in_its_present_version() -> None:
+    present = {load_protocol(name).label for name in protocol_files()}
+    assert set(entries(CHANGELOG)) == present
 
 
-@pytest.mark.parametrize("label", archived_files())
-def test_an_archived_version_is_the_one_that_was_listed(label: str) -> None:
-    protocol = load_protocol(label)
-    assert (protocol.label, protocol.name, protocol.archived) == (label, label, True)
-    assert entries(CHANGELOG)[label][0] == protocol.hash
-    present = load_protocol(protocol.spec.id)
-    assert protocol.spec.version < present.spec.version
-    assert version_of(protocol.spec.id, protocol.hash) == protocol
-    assert name_of(protocol.spec.id, protocol.hash) == label
-    assert name_of(protocol.spec.id, present.hash) == protocol.spec.id
-    assert name_of(protocol.spec.id, "0" * 64) == protocol.spec.id
-    assert protocol in protocol_versions(protocol.spec.id)
-
-
-def test_every_earlier_version_is_kept() -> None:
-    kept = {one.label for name in protocol_files() for one in protocol_versions(name)}
-    assert kept == set(entries(CHANGELOG))
-
-
-def test_a_version_is_loaded_by_its_label() -> None:
+def test_the_present_version_is_loaded_by_its_label_and_no_other() -> None:
     present = load_protocol("stability")
     assert load_protocol(present.label) == present
-    assert present.name == "stability"
-    with pytest.raises(UserError, match=r"no 'stability@9'.*stability@2, stability@1\.$"):
-        load_protocol("stability@9")
+    assert version_of("stability", present.hash) == present
+    assert version_of("stability", "0" * 64) is None
+    assert recorded_version(present.label, present.hash, "run") == present
+    with pytest.raises(UserError, match=r"no 'stability@1'; .* is stability@2 \(commit e6a49ac9 "):
+        load_protocol("stability@1")
     with pytest.raises(UserError, match="unknown protocol 'nothing@1'"):
         load_protocol("nothing@1")
-    assert protocol_versions("nothing") == ()
-    assert version_of("stability", "0" * 64) is None
+    with pytest.raises(UserError, match=r"run answers stability@1 .* present one is stability@2 "):
+        recorded_version("stability@1", "0" * 64, "run")
+    with pytest.raises(UserError, match="run answers protocol 'nothing', which is not installed"):
+        recorded_version("nothing@1", "0" * 64, "run")
 
 
 def copied(name: str, folder: Path) -> Path:

@@ -51,22 +51,6 @@ def test_the_committed_pages_are_what_the_committed_records_give():
     assert stale == [], "run `tactibench board` and commit"
 
 
-def test_an_earlier_version_keeps_its_page_and_the_present_one_links_to_it(tmp_path):
-    folder = tmp_path / "submissions" / "stability"
-    folder.mkdir(parents=True)
-    stored = next((ROOT / "leaderboards" / "submissions" / "stability").glob("*-mean-*.json"))
-    (folder / stored.name).write_bytes(stored.read_bytes())
-    pages = {page.path.name: page for page in page_files(tmp_path)}
-    present, earlier = pages["stability.md"], pages["stability@1.md"]
-    assert (present.records, earlier.records) == (0, 1)
-    assert "(stability@1.md)" in present.text
-    assert "No run has been added yet" in present.text
-    assert earlier.text.splitlines()[0].endswith("(archived: version 1)")
-    assert "(stability.md)" in earlier.text
-    assert "*mean*" in earlier.text
-    assert "exp1@1.md" not in pages
-
-
 def test_a_protocol_without_records_has_no_page_unless_it_had_one(tmp_path):
     (tmp_path / "submissions").mkdir()
     assert page_files(tmp_path) == []
@@ -246,13 +230,6 @@ def test_lapses_are_in_per_cent_and_rejected_fits_are_counted_by_seed(fabricate)
     assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("7.0", "1 of 3")
     ((row,),) = tables(made([fabricate("exp2")], "exp2"))["Two-point threshold"]
     assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("n/a", "n/a")
-
-
-def test_another_version_of_the_protocol_says_so(fabricate):
-    old = fabricate()
-    old.protocol.hash = "f" * 64
-    text = made([old, fabricate()])
-    assert text.count("which is not the present one") == 1
 
 
 def test_no_markup_of_a_record_reaches_the_page(fabricate):

@@ -12,7 +12,7 @@ import pytest
 
 from tactibench import UserError
 from tactibench.frames import FAULTS, FramePlan
-from tactibench.protocols import archived_files, protocol_files, read_protocol
+from tactibench.protocols import protocol_files, read_protocol
 from tactibench.records import arrays_hash
 from tactibench.run import RunPlan, TestOptions, metric_differences, plan_lines, score_arrays
 
@@ -172,16 +172,6 @@ def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
         r"sensor: 'other' has no parameter 'offset'",
     ):
         planned(hard, sensor="other")
-
-
-def test_an_earlier_version_says_that_its_frames_cannot_be_made_again(
-    planned: Callable[..., RunPlan],
-) -> None:
-    with pytest.raises(
-        UserError,
-        match=r"'sharp' of protocol 'stability@1' .* no longer there.*`run stability` runs the",
-    ):
-        planned(str(archived_files()["stability@1"]))
 
 
 def test_a_flat_sensor_has_no_edge(

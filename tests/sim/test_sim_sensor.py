@@ -326,20 +326,3 @@ def test_finite_elements_without_ngsolve_say_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "ngsolve", None)
     with pytest.raises(UserError, match=r'pip install "tactibench\[fem\]"'):
         sensor(tier="fem")
-
-
-@pytest.mark.parametrize("name", ["tactip-127", "tactip-331"])
-def test_records_with_retired_parameters_are_read(name):
-    """Tiers auto and green and two parameters are in records of earlier versions."""
-    (spec,) = [spec for spec in hooks.tactibench_sensors() if spec.name == name]
-    stored = {**spec.settings({}), "tier": "auto", "tolerance": 0.1, "allow_fem": False, "size": 64}
-    assert spec.settings_of_record(stored) == spec.settings({"size": "64"})
-    for tier in ("auto", "green"):
-        assert spec.settings_of_record({"tier": tier}) == spec.settings({})
-        gone = rf"no longer has tier={tier}; take tier=coupled.*coupled, fem, superpose\)\.$"
-        with pytest.raises(UserError, match=gone):
-            spec.settings({"tier": tier})
-    with pytest.raises(UserError, match="allowed: coupled, fem, superpose"):
-        spec.settings({"tier": "grey"})
-    with pytest.raises(UserError, match="no parameter 'smell'"):
-        spec.settings_of_record({"smell": 1})

@@ -66,10 +66,6 @@ def test_the_paper_mixes_nothing():
     assert SPEC.settings({})["mixing"] == -1.0
 
 
-def test_a_record_from_before_is_of_a_model_that_did_not_mix():
-    assert SPEC.settings_of_record({})["mixing"] == 0.0
-
-
 def test_frames_that_cannot_be_mixed_are_learned_as_they_are(make_model):
     """They carry no rest image; whoever asks for mixing is told so."""
     report = fit(make(make_model), count=24)

@@ -24,7 +24,7 @@ def models(boards: Iterable[ReportBoard], link: Callable[[ReportBoard, str], str
         boards: Boards of the report.
         link: Makes the link to a row from its board and its anchor.
     """
-    present = {board.name: board for board in boards if not board.protocol.archived}
+    present = {board.name: board for board in boards}
     lines = overview({name: board.records for name, board in present.items()})
     lead = present.get(overview_spec().protocol)
     return overview_table(lines, link=lambda anchor: "" if lead is None else link(lead, anchor))

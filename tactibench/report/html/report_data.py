@@ -13,11 +13,10 @@ from tactibench.board import (
     check_folder,
     press_errors_of,
     read_submissions,
-    records_of_version,
     slot,
 )
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols import LoadedProtocol, PublishedTable, protocol_files, protocol_versions
+from tactibench.protocols import LoadedProtocol, PublishedTable, load_protocol, protocol_files
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records import RECORD, Record, StoredRun, stored_runs
 from tactibench.report.board_page import published_tables
@@ -28,10 +27,10 @@ from tactibench.run import folder_label
 
 @dataclass(frozen=True, eq=False)
 class ReportBoard:
-    """One version of a protocol in a report.
+    """A protocol in a report.
 
     Attributes:
-        protocol: The present version of a protocol, or an archived one.
+        protocol: The protocol.
         records: Records of all runs that are shown.
         published: Tables of papers.
         errors: Errors press by press, by the name of the record.
@@ -46,8 +45,8 @@ class ReportBoard:
 
     @property
     def name(self) -> str:
-        """The id of the protocol; its label where it is archived."""
-        return self.protocol.name
+        """The id of the protocol."""
+        return self.protocol.spec.id
 
 
 @dataclass(frozen=True)
@@ -64,12 +63,7 @@ class ReportData:
 
 
 def gather(
-    store: Path,
-    board: Path,
-    *,
-    origin: str = AUTO,
-    protocols: Sequence[str] = (),
-    archived: bool = False,
+    store: Path, board: Path, *, origin: str = AUTO, protocols: Sequence[str] = ()
 ) -> ReportData:
     """Return the data of a report, read from a store and a board.
 
@@ -78,20 +72,15 @@ def gather(
         board: Folder of the leaderboards.
         origin: One of ORIGINS; auto takes the store's runs where it holds complete ones, else the
             committed records.
-        protocols: Protocols that are shown, an archived version by its label; () for all that have
-            records. An archived version is then left out where the present one has records.
-        archived: Whether such versions are shown nevertheless.
+        protocols: Protocols that are shown; () for all that have records.
 
     Raises:
         UserError: A protocol is unknown, or there is nothing to show.
     """
     files = protocol_files()
-    versions = [version for name in files for version in protocol_versions(name)]
-    names = [version.name for version in versions]
     for name in protocols:
-        if name not in names:
-            near = did_you_mean(name, names if "@" in name else files)
-            raise UserError(f"unknown protocol {name!r}; {near}")
+        if name not in files:
+            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
     runs = list(stored_runs(store)) if origin != BOARD else []
     complete = [run for run in runs if not run.record.partial]
     if origin == AUTO:
@@ -100,20 +89,15 @@ def gather(
         raise UserError(_no_complete_run(store, len(runs)))
     if origin != RUNS:
         check_folder(board)
-    wanted = [one for one in versions if not protocols or one.name in protocols]
-    read = [_board(version, complete, board, origin) for version in wanted]
+    wanted = [load_protocol(name) for name in files if not protocols or name in protocols]
+    read = [_board(protocol, complete, board, origin) for protocol in wanted]
     boards = [one for one in read if one.records or one.name in protocols]
-    present = {one.name for one in boards}
-    others = [one for one in boards if one.protocol.archived and one.protocol.spec.id in present]
-    if not (protocols or archived):
-        boards = [one for one in boards if one not in others]
     if not boards:
         raise UserError(
             f"there is no complete run to show, neither in {store} nor in {board}; run a protocol "
             "first, or name another store with --store."
         )
-    left_out = [one for one in others if one not in boards]
-    return ReportData(tuple(boards), _origin_sentence(origin, store, runs, boards, left_out))
+    return ReportData(tuple(boards), _origin_sentence(origin, store, runs, boards))
 
 
 def _board(
@@ -122,17 +106,16 @@ def _board(
     name = protocol.spec.id
     newest: dict[str, StoredRun] = {}
     for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
-        if run.record.protocol.id == name:
+        if (run.record.protocol.id, run.record.protocol.hash) == (name, protocol.hash):
             newest[slot(run.record)] = run
-    stored = records_of_version([run.record for run in newest.values()], protocol)
-    by_name = {record.name: newest[slot(record)] for record in stored}
+    by_name = {run.record.name: run for run in newest.values()}
     committed: list[Record] = []
     errors: dict[str, PressErrors] = {}
     if origin != RUNS:
-        records = records_of_version(read_submissions(board, name), protocol)
-        committed = [r for r in records if slot(r) not in newest]
+        committed = [r for r in read_submissions(board, name) if slot(r) not in newest]
         errors |= all_press_errors(board, committed)
     errors |= _press_errors(protocol, by_name)
+    stored = [run.record for run in by_name.values()]
     shown = sorted([*committed, *stored], key=lambda record: record.name)
     tables = tuple(published_tables(protocol, board))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
@@ -149,8 +132,6 @@ def _press_errors(
     for name, run in runs.items():
         stored = run.record.identity.stored
         key = stored.get("truth", name), stored.get("predictions", name)
-        if run.record.protocol.hash != protocol.hash:
-            continue
         if key not in by_hashes:
             try:
                 truth, predicted = run.arrays("truth"), run.arrays("predictions")
@@ -166,12 +147,10 @@ def _origin_sentence(
     store: Path,
     runs: Sequence[StoredRun],
     boards: Sequence[ReportBoard],
-    others: Sequence[ReportBoard],
 ) -> str:
     """Return what is shown, its origin, and how much of the store is not shown."""
     stored = sum(len(board.runs) for board in boards)
     committed = sum(len(board.records) for board in boards) - stored
-    of_others = sum(len(board.runs) for board in others)
     shown = []
     if origin != RUNS:
         shown.append(plural(committed, "committed record"))
@@ -179,16 +158,12 @@ def _origin_sentence(
         shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
     newest = max((r.created[:10] for board in boards for r in board.records), default="")
     partial = sum(run.record.partial for run in runs)
-    other = len(runs) - partial - stored - of_others
+    other = len(runs) - partial - stored
     damaged = 0 if origin == BOARD else len(list(store.glob(f"[!.]*/{RECORD}"))) - len(runs)
     left = [plural(partial, "partial run")] if partial else []
     left += [plural(damaged, "run") + " that cannot be read"] if damaged else []
     if other:
         left.append(f"{plural(other, 'run')} of other protocols, or older ones of the same row")
-    if others:
-        count = plural(sum(len(earlier.records) for earlier in others), "record")
-        names = ", ".join(earlier.name for earlier in others)
-        left.append(f"{count} of earlier versions (--protocol {names})")
     text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
     return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."
 
