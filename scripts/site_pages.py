@@ -1,7 +1,11 @@
-"""mkdocs hook that makes pages outside docs/ part of the site and corrects links to them."""
+"""mkdocs hook: pages outside docs/ become part of the site, with links that hold.
+
+The mark ``<!-- metrics -->`` becomes a table of all metrics.
+"""
 
 from __future__ import annotations
 
+import html
 import posixpath
 import re
 from pathlib import Path
@@ -9,6 +13,8 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+
+from tactibench.metrics import all_metrics
 
 ROOT = Path(__file__).resolve().parents[1]
 OUTSIDE = (
@@ -37,6 +43,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:  # noqa: ARG001
     """Point links that leave or enter docs/ to the place of their page in the site."""
+    markdown = markdown.replace("<!-- metrics -->", _metrics())
     source = Path(str(page.file.abs_src_path)).resolve()
     folder = posixpath.dirname(page.file.src_uri) or "."
 
@@ -49,6 +56,20 @@ def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> st
         return match[0] if found is None else f"{before}{_relative(found, folder)}{place}"
 
     return _LINK.sub(moved, markdown)
+
+
+def _metrics() -> str:
+    """Return a Markdown table of all metrics."""
+    rows = [
+        f"| `{spec.name}` | {spec.unit or '1'} | {spec.better} | {_cell(spec.formula)} |"
+        for spec in all_metrics().values()
+    ]
+    return "\n".join(["| metric | unit | better | formula |", "|---|---|---|---|", *rows])
+
+
+def _cell(text: str) -> str:
+    """Return text that is shown as it is in a cell of a table."""
+    return html.escape(text).replace("|", "&#124;").replace("*", "&#42;").replace("_", "&#95;")
 
 
 def _site_name(target: Path) -> str | None:

@@ -1,27 +1,17 @@
-"""The generator of docs/reference as modules, and the example plugin as an installed one."""
+"""The example plugin as an installed package."""
 
 from __future__ import annotations
 
-import importlib
 import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from fake_distribution import fake_distribution
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "tactile_pocket"
-
-
-@pytest.fixture(scope="session")
-def make_reference() -> Iterator[ModuleType]:
-    """scripts/make_reference.py, importable as it is when it is run."""
-    sys.path.insert(0, str(ROOT / "scripts"))
-    yield importlib.import_module("make_reference")
-    sys.path.remove(str(ROOT / "scripts"))
 
 
 @pytest.fixture

@@ -120,20 +120,6 @@ def test_verify_imports_nothing_of_a_stranger(
     assert marks_after(stranger, "-m", "tactibench", "board", "verify", str(found[0])) == []
 
 
-def test_the_reference_of_the_documentation_imports_nothing_of_a_stranger(
-    stranger: tuple[Path, dict[str, str], Path],
-) -> None:
-    script = ROOT / "scripts" / "make_reference.py"
-    if not script.is_file():
-        pytest.skip("no scripts: not a checkout")
-    code = (
-        f"import sys; sys.path.insert(0, {str(script.parent)!r}); from pathlib import Path; "
-        "from reference.commands_page import shipped_plugins; "
-        f"shipped_plugins(Path({str(ROOT)!r})).problems"
-    )
-    assert marks_after(stranger, "-c", code) == []
-
-
 def test_exclusions_of_the_scanner_are_explained() -> None:
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     skips = re.search(r"\[tool\.bandit\].*?skips = \[\n(.*?)\n\]", text, re.DOTALL)
