@@ -39,8 +39,7 @@ from tactibench.datasets import Draft, Header, Writer, index, open_dataset
 from tactibench.datasets import verify as verify_dataset
 from tactibench.errors import UserError
 from tactibench.records import PARTS, open_run, run_names, with_checksum
-from tactibench.run import NullReporter, RunRequest, Speed, evaluation, make_plan
-from tactibench.run.execute import execute
+from tactibench.run import NullReporter, RunRequest, Speed, evaluation, execute, make_plan
 
 MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of our own is made in it
 STATES = ("refused", "same", "silent", "raised")
@@ -68,8 +67,8 @@ def kinds(folder: Path) -> Iterator[Kind]:
     request = RunRequest(str(lab.protocols / "few-exp1.toml"), "tiny")
 
     def run(store: str) -> Any:
-        plan = make_plan(request, tiny_host(), folder / "cache")
-        return execute(plan, folder / store, NullReporter(), fresh=True)
+        plan = make_plan(request, tiny_host(), folder / "cache", store=folder / store)
+        return execute(plan, NullReporter(), fresh=True)
 
     stored = run("runs")
     store = folder / "runs"

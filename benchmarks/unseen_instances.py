@@ -39,11 +39,11 @@ from tactibench.run import (
     NullReporter,
     RunRequest,
     TestOptions,
+    execute,
     make_plan,
     read_parameters,
     trials_of,
 )
-from tactibench.run.execute import execute
 from tactibench.sweep import read_choice
 
 INSTANCES = tuple(range(1, 9))
@@ -153,10 +153,10 @@ def _test(instance: int, shots: int) -> TestOptions:
 
 
 def _run(request: RunRequest, host: PluginHost, store: Path) -> StoredRun:
-    plan = make_plan(request, host, cache_folder())
+    plan = make_plan(request, host, cache_folder(), store=store)
     if (store / plan.name / RECORD).is_file():
         return open_run(store, plan.name)
-    return execute(plan, store, NullReporter(), timed=False)
+    return execute(plan, NullReporter(), timed=False)
 
 
 def _cells(runs: Sequence[StoredRun], figures: Iterable[Figure]) -> Iterator[str]:

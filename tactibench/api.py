@@ -12,14 +12,14 @@ raises ``UserError`` with one sentence. Frames are pandas data frames in long fo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.records import RECORD, StoredRun, open_run, stored_runs, unscored_run
+from tactibench.records import StoredRun, held_name, open_run, stored_runs, unscored_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,11 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Comparisons",
-    "Plan",
     "Plot",
-    "Run",
     "Score",
-    "Training",
+    "StoredRun",
     "compare",
     "load_board",
     "load_run",
@@ -52,159 +50,6 @@ STORE = Path("runs")
 BOARD = Path("leaderboards")
 PLOTS = ("frontier", "curve", "stability")
 """Kinds of figures of ``plot``."""
-
-
-@dataclass(frozen=True)
-class Run(StoredRun):
-    """A stored run.
-
-    Attributes:
-        folder: Folder of its record, arrays and pictures.
-        record: Everything that was measured, and everything that the run was made from.
-    """
-
-    @property
-    def name(self) -> str:
-        """The name of the run in its store."""
-        return self.record.name
-
-    @property
-    def metrics(self) -> pd.DataFrame:
-        """Every metric by group: value, 95 % interval, counts and unit."""
-        return _frame([row.json_values() for row in self.record.metrics])
-
-    @property
-    def speed(self) -> pd.DataFrame:
-        """Latency by scenario, threads, batch and phase, in ms a call."""
-        return _frame([row.json_values() for row in self.record.speed])
-
-    def value(self, metric: str, group: str = "all") -> float | None:
-        """Return the value of a metric; None where it is n/a.
-
-        Args:
-            metric: Name of the metric, such as "mae_mm".
-            group: Name of the group, such as "mean".
-
-        Raises:
-            UserError: The run has no such metric, or not of this group.
-        """
-        row = self.record.metric(metric, group)
-        if row is None:
-            groups = [m.group for m in self.record.metrics if m.metric == metric]
-            if groups:
-                raise UserError(
-                    f"run {self.name} has no {metric} of {group!r}; it has those of "
-                    f"{', '.join(groups)}."
-                )
-            hint = did_you_mean(metric, {m.metric for m in self.record.metrics})
-            raise UserError(f"run {self.name} has no metric {metric!r}; {hint}")
-        return row.value
-
-
-@dataclass(frozen=True)
-class Training:
-    """A model with trained weights.
-
-    Attributes:
-        model: Name of the model, with the parameters that are not at their defaults.
-        regime: Name of the training regime.
-        seed: Seed of the training.
-        weights: Hash of the weights.
-        reused: Whether the weights were in the cache.
-        seconds: Duration of the training, now or earlier, s.
-        epochs: Number of epochs of the training.
-        presses: Number of presses that it learned from.
-        folder: Folder of the weights.
-    """
-
-    model: str
-    regime: str
-    seed: int
-    weights: str
-    reused: bool
-    seconds: float
-    epochs: int
-    presses: int
-    folder: Path
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A run before it is carried out.
-
-    Attributes:
-        details: The parts of the run, and its identity.
-        store: Folder of the run store.
-    """
-
-    details: RunPlan = field(repr=False)
-    store: Path
-
-    @property
-    def name(self) -> str:
-        """The name that the run has or will have in its store."""
-        return self.details.name
-
-    @property
-    def stored(self) -> bool:
-        """True where the run is in the store already."""
-        return (self.store / self.name / RECORD).is_file()
-
-    def lines(self, *, fresh: bool = False) -> list[str]:
-        """Return what will be generated, trained and taken from the cache, line by line.
-
-        Args:
-            fresh: Whether to predict, time and score again, even if the run is stored.
-        """
-        from tactibench.run import plan_lines
-
-        stored = self.stored and not fresh
-        answered = not fresh and unscored_run(self.store, self.name) is not None
-        return plan_lines(self.details, stored, answered=answered)
-
-    def check(self) -> None:
-        """Raise UserError for metrics that do not exist or do not fit, before any work."""
-        from tactibench.metrics import check_metrics
-
-        check_metrics(self.details.protocol)
-
-    def carry_out(self, *, fresh: bool = False, progress: Reporter | bool = True) -> Run:
-        """Return the run from the store, or carry it out, store it and return it.
-
-        Args:
-            fresh: Whether to predict, time and score again, even if the run is stored.
-            progress: Whether to show progress on stderr, or a reporter that shows it.
-
-        Raises:
-            UserError: The model, the sensor or the protocol cannot do what the plan needs.
-        """
-        if self.stored and not fresh:
-            return load_run(self.name, self.store)
-        from tactibench.run.execute import execute
-
-        done = execute(self.details, self.store, _reporter(progress), fresh=fresh)
-        return Run(done.folder, done.record)
-
-    def train(self, *, progress: Reporter | bool = True) -> Training:
-        """Train the model, or find its weights in the cache, without a test.
-
-        Args:
-            progress: Whether to show progress on stderr, or a reporter that shows it.
-        """
-        from tactibench.run import train_model
-
-        _, trained = train_model(self.details, _reporter(progress))
-        return Training(
-            model=self.details.components.model.label,
-            regime=self.details.components.regime,
-            seed=self.details.request.seed,
-            weights=trained.hash,
-            reused=trained.reused,
-            seconds=trained.report["seconds"],
-            epochs=trained.report["epochs"],
-            presses=self.details.frames.count("fit"),
-            folder=self.details.weights.folder,
-        )
 
 
 def plan(
@@ -225,7 +70,7 @@ def plan(
     hidden_seed: bool = False,
     published: str | Path | None = None,
     store: str | Path = STORE,
-) -> Plan:
+) -> RunPlan:
     """Return the plan of a run; nothing is generated or trained.
 
     Args:
@@ -274,7 +119,7 @@ def plan(
         test=read_test_options(tuple(test), hidden=hidden_seed),
         published=None if published is None else Path(published),
     )
-    return Plan(make_plan(request, PluginHost(), cache_folder()), Path(store))
+    return make_plan(request, PluginHost(), cache_folder(), store=Path(store))
 
 
 def run(
@@ -284,7 +129,7 @@ def run(
     fresh: bool = False,
     progress: Reporter | bool = True,
     **options: Any,
-) -> Run:
+) -> StoredRun:
     """Run a protocol with a model and return its stored run.
 
     Frames and weights are cached; a run that is in the store is returned as it is.
@@ -292,7 +137,7 @@ def run(
     Args:
         protocol: Name of a protocol, such as "exp2", or its .toml file.
         model: Name of a model.
-        fresh: Whether to predict, time and score again, even if the run is stored.
+        fresh: Whether to make everything anew: frames, weights, answers and times.
         progress: Whether to show progress on stderr, or a reporter that shows it.
         **options: Options of ``plan``: regime, sensor, seed, params, quick, store and so on.
 
@@ -300,10 +145,10 @@ def run(
         UserError: Something does not exist or does not fit, or the model answers something else
             than it declared.
     """
-    return plan(protocol, model, **options).carry_out(fresh=fresh, progress=progress)
+    return plan(protocol, model, **options).carry_out(_reporter(progress), fresh=fresh)
 
 
-def load_run(name: str | Path, store: str | Path = STORE) -> Run:
+def load_run(name: str | Path, store: str | Path = STORE) -> StoredRun:
     """Return a stored run.
 
     Args:
@@ -313,8 +158,7 @@ def load_run(name: str | Path, store: str | Path = STORE) -> Run:
     Raises:
         UserError: There is no such run, or its record cannot be read.
     """
-    stored = open_run(Path(store), str(name))
-    return Run(stored.folder, stored.record)
+    return open_run(Path(store), str(name))
 
 
 def load_runs(store: str | Path = STORE, *, protocol: str | None = None) -> pd.DataFrame:
@@ -384,12 +228,12 @@ class Score:
         completed: Whether the answers had no score before; the run is now in the store.
     """
 
-    run: Run
+    run: StoredRun
     differences: tuple[str, ...]
     completed: bool = False
 
 
-def score(name: str | Path | Run, store: str | Path = STORE) -> Score:
+def score(name: str | Path | StoredRun, store: str | Path = STORE) -> Score:
     """Score the stored answers of a run again, without model or sensor.
 
     If the answers could not be scored when they were made, they are scored and their run is stored.
@@ -404,13 +248,15 @@ def score(name: str | Path | Run, store: str | Path = STORE) -> Score:
     """
     from tactibench.run import metric_differences, protocol_of, rescore, score_answers
 
-    if isinstance(name, str) and (answers := unscored_run(Path(store), name)) is not None:
-        done = score_answers(answers, protocol_of(answers))
-        return Score(Run(done.folder, done.record), (), completed=True)
-    stored = name if isinstance(name, Run) else load_run(name, store)
+    if isinstance(name, str) and unscored_run(Path(store), name) is not None:
+        with held_name(Path(store), name):
+            answers = unscored_run(Path(store), name)  # unless another process scored it
+            if answers is not None:
+                return Score(score_answers(answers, protocol_of(answers)), (), completed=True)
+    stored = name if isinstance(name, StoredRun) else load_run(name, store)
     record = rescore(stored)
     changed = metric_differences(stored.record.metrics, record.metrics)
-    return Score(Run(stored.folder, record), tuple(changed))
+    return Score(StoredRun(stored.folder, record), tuple(changed))
 
 
 @dataclass(frozen=True)
@@ -439,7 +285,7 @@ class Comparisons:
 
 
 def compare(
-    *runs: str | Path | Run, distances: bool = False, store: str | Path = STORE
+    *runs: str | Path | StoredRun, distances: bool = False, store: str | Path = STORE
 ) -> Comparisons:
     """Compare stored runs that answered the same test frames, press by press.
 
@@ -456,7 +302,7 @@ def compare(
 
     if len(runs) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
-    opened = tuple(item if isinstance(item, Run) else load_run(item, store) for item in runs)
+    opened = tuple(item if isinstance(item, StoredRun) else load_run(item, store) for item in runs)
     return Comparisons(opened, tuple(compare_runs(opened, distances=distances)))
 
 

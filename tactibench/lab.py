@@ -108,19 +108,16 @@ def trained_model(
     return load(plan, NullReporter())[0], label
 
 
-def open_weights(
-    path: Path, *, sha256: str | None = None, device: str = "auto"
-) -> tuple[Model, str]:
+def open_weights(path: Path, *, device: str = "auto") -> tuple[Model, str]:
     """Return the model of a weights file, ready to answer frames, and its label.
 
     Args:
         path: A file of ``tactibench weights export``.
-        sha256: sha256 of the whole file, as its sender stated it; None to compare none.
         device: "auto", "cpu" or "cuda".
 
     Raises:
-        UserError: The file is damaged, has another sha256, or this installation has no such model.
+        UserError: The file is damaged, or this installation has no such model.
     """
     from tactibench.run import open_weights as open_file
 
-    return open_file(path, sha256=sha256, device=device)
+    return open_file(path, device=device)

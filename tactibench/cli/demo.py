@@ -148,9 +148,9 @@ def _own_options(
 
 def _model_name(text: str) -> str:
     """Return the name of a model, given by name or by a weights file."""
-    from tactibench.run import SUFFIX, read_weights
+    from tactibench.run import SUFFIX, read_description
 
-    return read_weights(Path(text)).description.model.name if text.endswith(SUFFIX) else text
+    return read_description(Path(text)).model.name if text.endswith(SUFFIX) else text
 
 
 def _subject(plan: RunPlan, text: str, terminal: Terminal, *, train: bool) -> Subject:

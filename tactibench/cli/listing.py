@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,6 @@ from tactibench.cli.text import echo
 if TYPE_CHECKING:
     from tactibench.plugins import PluginHost
     from tactibench.protocols import PublishedTable
-    from tactibench.run import CachedWeights
 
 PLUGINS = ("models", "sensors", "encoders", "protocols")
 KINDS = (*PLUGINS, "runs", "weights", "published")
@@ -107,27 +107,13 @@ def _list_weights() -> list[Row]:
     from tactibench.plugins import PluginHost
     from tactibench.records import cache_folder
     from tactibench.report import duration, number
-    from tactibench.run.cached_weights import cached_weights
+    from tactibench.run import cached_weights
 
     folder = cache_folder()
     host = PluginHost()
     rows: list[Row] = [
-        {
-            "model": weights.model,
-            "label": _weights_label(weights, host),
-            "parameters": dict(weights.parameters),
-            "encoder": weights.encoder or "none",
-            "regime": weights.regime,
-            "presses": weights.presses,
-            "seed": weights.seed,
-            "device": weights.device,
-            "epochs": weights.epochs,
-            "training_s": weights.seconds,
-            "bytes": weights.bytes,
-            "hash": weights.hash,
-            "folder": weights.folder.name,
-        }
-        for weights in cached_weights(folder)
+        {**row, "label": _weights_label(row["model"], row["parameters"], host)}
+        for row in cached_weights(folder)
     ]
     shown = [
         {
@@ -144,16 +130,16 @@ def _list_weights() -> list[Row]:
     return rows
 
 
-def _weights_label(weights: CachedWeights, host: PluginHost) -> str:
+def _weights_label(model: str, parameters: Mapping[str, Any], host: PluginHost) -> str:
     """Return the model with the parameters that are not at their defaults, as far as known."""
-    spec = host.models.specs.get(weights.model)
-    defaults = spec.defaults(weights.parameters) if spec else {}
+    spec = host.models.specs.get(model)
+    defaults = spec.defaults(parameters) if spec else {}
     other = [
         f"{name}={value}"
-        for name, value in weights.parameters.items()
+        for name, value in parameters.items()
         if name not in defaults or value != defaults[name]
     ]
-    return f"{weights.model}({','.join(other)})" if other else weights.model
+    return f"{model}({','.join(other)})" if other else model
 
 
 def _list_published(board_folder: Path) -> list[Row]:

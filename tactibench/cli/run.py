@@ -18,8 +18,8 @@ from tactibench.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from tactibench import api
     from tactibench.cli.output import Terminal
+    from tactibench.run import RunPlan, TrainedWeights
 
 
 @click.command()
@@ -62,7 +62,9 @@ if TYPE_CHECKING:
 @board_option
 @full_option
 @click.option("--train-only", is_flag=True, help="Train and keep the weights; test nothing.")
-@click.option("--fresh", is_flag=True, help="Predict, time and score again, even if stored.")
+@click.option(
+    "--fresh", is_flag=True, help="Make everything anew: frames, weights, answers and times."
+)
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 def run(
     protocol: str,
@@ -87,7 +89,8 @@ def run(
     terminal = Terminal()
     plan = api.plan(protocol, model, store=store, **options)
     if train_only and not dry_run:
-        _show_training(plan.train(progress=terminal), terminal, json_file)
+        _, trained = plan.train(terminal, fresh=fresh)
+        _show_training(plan, trained, terminal, json_file)
         return
     if fresh or not plan.stored:  # a stored run was checked when it was made
         plan.check()
@@ -96,28 +99,31 @@ def run(
             terminal.say(line)
     if dry_run:
         return
-    finished = plan.carry_out(fresh=fresh, progress=terminal)
+    finished = plan.carry_out(terminal, fresh=fresh)
     show_run(terminal, finished, store, board_folder, full=full)
     save_json(json_file, finished.record.json_values())
 
 
-def _show_training(trained: api.Training, terminal: Terminal, json_file: Path | None) -> None:
+def _show_training(
+    plan: RunPlan, trained: TrainedWeights, terminal: Terminal, json_file: Path | None
+) -> None:
     """Say how a model was trained, and where its weights are."""
     from tactibench.report import duration
 
     how = "found in the cache, trained" if trained.reused else "trained"
-    terminal.say(
-        f"{trained.model} ({trained.regime}), seed {trained.seed}: {how} {trained.epochs} epochs "
-        f"on {trained.presses:,} presses in {duration(trained.seconds)}"
-    )
-    terminal.say(f"weights {trained.weights[:8]} in {trained.folder}")
+    report = trained.report
     facts = {
-        "model": trained.model,
-        "regime": trained.regime,
-        "seed": trained.seed,
-        "weights": trained.weights,
+        "model": plan.components.model.label,
+        "regime": plan.components.regime,
+        "seed": plan.request.seed,
+        "weights": trained.hash,
         "reused": trained.reused,
-        "training_s": trained.seconds,
-        "epochs": trained.epochs,
+        "training_s": report["seconds"],
+        "epochs": report["epochs"],
     }
+    terminal.say(
+        f"{facts['model']} ({facts['regime']}), seed {facts['seed']}: {how} {report['epochs']} "
+        f"epochs on {plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
+    )
+    terminal.say(f"weights {trained.hash[:8]} in {trained.folder}")
     save_json(json_file, facts)

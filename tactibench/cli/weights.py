@@ -21,12 +21,7 @@ CHECKED_FRAMES = 50
 
 @click.group()
 def weights() -> None:
-    """Hand trained weights on as a file, and take them into the cache.
-
-    \b
-    tactibench weights export unet --protocol exp2 --out unet.zip
-    tactibench weights import unet.zip
-    """
+    """Hand trained weights on as a file: tactibench weights export unet --out unet.zip."""
 
 
 @weights.command("export", short_help="write trained weights into a file, or a network as ONNX")
@@ -36,7 +31,7 @@ def weights() -> None:
     regime="Frames the weights were trained on; default: the protocol's first.", seed="Of training."
 )
 @click.option("--presses", type=click.IntRange(min=1), help="Learned from so many presses only.")
-@output_file("--out", suffixes=(".zip",), metavar="FILE.zip", help="Weights and model card.")
+@output_file("--out", suffixes=(".zip",), metavar="FILE.zip", help="Weights, to be opened.")
 @output_file(
     "--onnx",
     suffixes=(".onnx",),
@@ -44,7 +39,7 @@ def weights() -> None:
     help="The network alone, for other programs.",
 )
 @click.option(
-    "--license", "license_text", default="not stated", help="Of the weights, for the card."
+    "--license", "license_text", default="not stated", help="Of the weights; the file states it."
 )
 def export(
     model: str,
@@ -57,44 +52,24 @@ def export(
 ) -> None:
     """Write the trained weights of MODEL from the cache into a file.
 
-    The sha256 that is printed names exactly this file: hand it on beside it. An ONNX file is
-    written only where its answers are those of the model.
+    `tactibench demo`, `hw live` and tactibench.lab.open_weights open it. An ONNX file is written
+    only where its answers are those of the model.
     """
     if out is None and onnx is None:
         raise UserError("nothing is to be written; name a file with --out, --onnx or both.")
     from tactibench.cli.output import Terminal
     from tactibench.plugins import PluginHost
-    from tactibench.records import cache_folder
+    from tactibench.records import cache_folder, file_hash
     from tactibench.run import export_weights, make_plan
 
     request = request_of(protocol, model, options, presses=presses, limit=CHECKED_FRAMES)
     plan = make_plan(request, PluginHost(), cache_folder())
     terminal = Terminal()
     if out is not None:
-        file = export_weights(plan, out, license_text=license_text)
-        terminal.say(f"{out}: weights {file.description.hash[:8]}, sha256 {file.sha256}")
+        description = export_weights(plan, out, license_text=license_text)
+        terminal.say(f"{out}: weights {description.hash[:8]}, sha256 {file_hash(out)}")
     if onnx is not None:
         _export_onnx(plan, onnx, terminal)
-
-
-@weights.command("import", short_help="put the weights of a file into the cache")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--sha256", metavar="HEX", help="Refuse any other file than this.")
-def take(file: Path, sha256: str | None) -> None:
-    """Put the weights of FILE into the cache, so that runs take them in place of a training.
-
-    Every hash is compared. A run with imported weights says so in its record.
-    """
-    from tactibench.cli.output import Terminal
-    from tactibench.records import cache_folder
-    from tactibench.run import import_weights, read_weights
-
-    read = read_weights(file, sha256=sha256)
-    folder, there = import_weights(read, cache_folder())
-    how = "were in the cache already" if there else "are in the cache now"
-    terminal = Terminal()
-    terminal.say(f"weights {read.label} {how}: {folder}")
-    terminal.say(f"trained on {read.description.trained_on}; sha256 {read.sha256}")
 
 
 def _export_onnx(plan: RunPlan, path: Path, terminal: Terminal) -> None:

@@ -1,9 +1,6 @@
 """Public names of tactibench.frames, and the modules that define them."""
 
 from .cache import FrameRecipe as FrameRecipe
-from .cache import count_missing as count_missing
-from .cache import folder_of as folder_of
-from .cache import is_cached as is_cached
 from .cache import open_frames as open_frames
 from .drawn_presses import DrawnFrames as DrawnFrames
 from .drawn_presses import GeneratedFrameSet as GeneratedFrameSet
@@ -12,7 +9,13 @@ from .faults import FAULTS as FAULTS
 from .faults import label_pins as label_pins
 from .faults import move as move
 from .faults import scale as scale
+from .ground_truth import D_PRIME as D_PRIME
+from .ground_truth import FALSELY_SEEN as FALSELY_SEEN
+from .ground_truth import PRESSES as PRESSES
+from .ground_truth import SEEN as SEEN
+from .ground_truth import sampled_limits as sampled_limits
 from .ground_truth import simulator_error as simulator_error
+from .ground_truth import spacing_limit as spacing_limit
 from .ground_truth import true_bounds as true_bounds
 from .ground_truth import true_limits as true_limits
 from .ground_truth import true_surfaces as true_surfaces
@@ -36,9 +39,3 @@ from .source import FrameSource as FrameSource
 from .source import sensor_identity as sensor_identity
 from .source import spread as spread
 from .transfer import TransferFrames as TransferFrames
-from .two_point_limit import D_PRIME as D_PRIME
-from .two_point_limit import FALSELY_SEEN as FALSELY_SEEN
-from .two_point_limit import PRESSES as PRESSES
-from .two_point_limit import SEEN as SEEN
-from .two_point_limit import sampled_limits as sampled_limits
-from .two_point_limit import spacing_limit as spacing_limit

@@ -23,18 +23,14 @@ from tactibench.frames.presses import Presses
 from tactibench.plugins import Sensor, SensorContext
 from tactibench.protocols import CHUNK
 from tactibench.records import (
-    atomic,
+    CacheEntry,
+    beside,
     combined,
     digest,
-    file_hash,
-    locked,
     read_checked_arrays,
-    read_checked_json,
     write_checked_arrays,
-    write_checked_json,
 )
 
-MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")
 """Files of a set: (N, ...) signals of all frames; (...) signal of the undeformed sensor; (N, 5)
 poses x, y mm, yaw, tilt deg, depth mm, or (N, 8) with dx, dy mm and dyaw deg where a press moved
@@ -59,8 +55,6 @@ class FrameRecipe:
         seed: Root seed and spawn key of the sensor's randomness.
         dome_radius: Radius of the sensor's surface, mm, inf where it is flat; None: the protocol's.
         secret: Whether the seed is known to few and must not be written down.
-        longer: A recipe that begins with these presses and differs in nothing else; whole chunks
-            are taken from its frames where they are in the cache. None: there is none.
     """
 
     name: str
@@ -71,7 +65,6 @@ class FrameRecipe:
     seed: tuple[int, ...]
     dome_radius: float | None = None
     secret: bool = False
-    longer: FrameRecipe | None = None
 
     @cached_property
     def key(self) -> str:
@@ -87,10 +80,19 @@ class FrameRecipe:
             }
         )
 
-    def content_hash(self, manifest: Mapping[str, Any]) -> str:
-        """Return a hash of frames, scenes and surface, which does not depend on the code."""
+    def entry(self, cache: Path) -> CacheEntry:
+        """Return the place of the frames in a cache."""
+        return CacheEntry(cache / "frames" / self.key[:24], self.key)
+
+    def content_hash(self, files: Mapping[str, str]) -> str:
+        """Return a hash of frames, scenes and surface, which does not depend on the code.
+
+        Args:
+            files: Hash of every file, by its name.
+        """
         scenes = digest([[_as_json(scene) for scene in self.scenes], self._surface])
-        return combined([*(manifest[name] for name in _arrays_of(manifest)), scenes])
+        names = [f"{name}.npy" for name in (*ARRAYS, *REST_ARRAYS)]
+        return combined([*(files[name] for name in names if name in files), scenes])
 
     def open_sensor(self, chunk: int) -> Sensor:
         """Return the sensor with the randomness of one chunk."""
@@ -99,32 +101,11 @@ class FrameRecipe:
 
     @property
     def _surface(self) -> dict[str, Any]:
-        """The surface; empty where it is the protocol's, so that older keys stay valid."""
+        """The surface; empty where it is the protocol's."""
         if self.dome_radius is None:
             return {}
         # An infinite radius has no meaning in JSON.
         return {"surface": "flat" if math.isinf(self.dome_radius) else self.dome_radius}
-
-
-def folder_of(cache: Path, key: str) -> Path:
-    """Return the folder in which the frames with a recipe's key are kept."""
-    return cache / "frames" / key[:24]
-
-
-def is_cached(folder: Path) -> bool:
-    """Return whether the folder holds the frames (they are verified when they are opened)."""
-    return (folder / MANIFEST).is_file()
-
-
-def count_missing(recipe: FrameRecipe, cache: Path) -> int:
-    """Return how many frames of a recipe have to be made, as far as it is known without opening."""
-    if is_cached(folder_of(cache, recipe.key)):
-        return 0
-    count = len(recipe.scenes)
-    longer = recipe.longer
-    if longer is not None and is_cached(folder_of(cache, longer.key)):
-        return count % CHUNK
-    return count
 
 
 def open_frames(
@@ -143,17 +124,15 @@ def open_frames(
         UserError: The sensor does not make one frame per scene, or the frames do not have the shape
             and the type of the rest frame.
     """
-    folder = folder_of(cache, recipe.key)
-    with locked(_beside(folder, ".lock")):
-        manifest = _intact_manifest(folder, recipe)
-        if manifest is None:
-            manifest = _generate(recipe, folder, cache, advance)
-        for leftover in (_beside(folder, ".parts"), _beside(folder, ".made")):
-            shutil.rmtree(leftover, ignore_errors=True)
+    entry = recipe.entry(cache)
+    folder = entry.folder
+    with entry.locked():
+        manifest = entry.read() or _generate(recipe, entry, advance)
+        shutil.rmtree(beside(folder, ".parts"), ignore_errors=True)
         signals = np.load(folder / "frames.npy", mmap_mode="r")
         rests = np.load(folder / "rest.npy")[np.newaxis]
         rest_of = np.zeros(len(signals), dtype=np.intp)
-        if REST_ARRAYS[0] in manifest:
+        if f"{REST_ARRAYS[0]}.npy" in manifest["files"]:
             rests, rest_of = (np.load(folder / f"{name}.npy") for name in REST_ARRAYS)
         poses = np.load(folder / "poses.npy")
     rests.setflags(write=False)
@@ -165,7 +144,7 @@ def open_frames(
             zip(signals, poses.tolist(), rest_of.tolist(), strict=True)
         )
     ]
-    content = recipe.content_hash(manifest)
+    content = recipe.content_hash(manifest["files"])
     return Presses(
         recipe.name, recipe.scenes, frames, recipe.names, content, folder, recipe.dome_radius
     )
@@ -182,35 +161,16 @@ def _as_json(scene: Scene) -> tuple[Any, ...]:
     return (indenter.name, radius, indenter.offsets, place)
 
 
-def _intact_manifest(folder: Path, recipe: FrameRecipe) -> dict[str, Any] | None:
-    """Return the manifest; None where it is missing, or it or an array was changed."""
-    try:
-        manifest: dict[str, Any] = read_checked_json(folder / MANIFEST)
-        intact = manifest["key"] == recipe.key and all(
-            file_hash(folder / f"{name}.npy") == manifest[name] for name in _arrays_of(manifest)
-        )
-    except (UserError, OSError, KeyError, TypeError, ValueError):
-        return None
-    return manifest if intact else None
-
-
-def _arrays_of(manifest: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of a set's files, with those of further rest signals where it has some."""
-    return (*ARRAYS, *(name for name in REST_ARRAYS if name in manifest))
-
-
 def _generate(
-    recipe: FrameRecipe, folder: Path, cache: Path, advance: Callable[[int], None]
+    recipe: FrameRecipe, entry: CacheEntry, advance: Callable[[int], None]
 ) -> dict[str, Any]:
+    """Make the frames of a recipe, store them, and return their manifest."""
     chunks: list[Chunk] = []
-    longer = None if recipe.longer is None else _stored_arrays(recipe.longer, cache)
     for number, start in enumerate(range(0, len(recipe.scenes), CHUNK)):
         scenes = recipe.scenes[start : start + CHUNK]
-        path = _beside(folder, ".parts") / f"chunk-{number:05d}.npz"
+        path = beside(entry.folder, ".parts") / f"chunk-{number:05d}.npz"
         chunk = read_checked_arrays(path)
-        if chunk is None and longer is not None and len(scenes) == CHUNK:
-            chunk = _cut_chunk(longer, start)
-        elif chunk is None:
+        if chunk is None:
             chunk = _press(recipe, number, scenes)
             write_checked_arrays(path, chunk, compress=False)
         chunks.append(chunk)
@@ -223,55 +183,18 @@ def _generate(
         "poses": np.concatenate([chunk["poses"] for chunk in chunks] or [np.empty((0, 5))]),
         **_join_rests(chunks, rest),
     }
-    temporary = _beside(folder, ".made")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    for name, array in arrays.items():
-        with atomic(temporary / f"{name}.npy") as stream:
-            np.save(stream, array, allow_pickle=False)
-    manifest = {
-        "key": recipe.key,
-        "name": recipe.name,
-        "presses": len(recipe.scenes),
-        "sensor": recipe.identity,
-        "seed": "hidden" if recipe.secret else list(recipe.seed),
-        **{name: file_hash(temporary / f"{name}.npy") for name in arrays},
-    }
-    write_checked_json(temporary / MANIFEST, manifest)
-    if folder.exists():  # damaged, or no set of frames at all
-        shutil.rmtree(folder)
-    temporary.rename(folder)
-    return manifest
 
+    def fill(folder: Path) -> dict[str, Any]:
+        for name, array in arrays.items():
+            np.save(folder / f"{name}.npy", array, allow_pickle=False)
+        return {
+            "name": recipe.name,
+            "presses": len(recipe.scenes),
+            "sensor": recipe.identity,
+            "seed": "hidden" if recipe.secret else list(recipe.seed),
+        }
 
-def _stored_arrays(recipe: FrameRecipe, cache: Path) -> Chunk | None:
-    """Return the arrays of a set in the cache, frames mapped; None where it is not intact."""
-    folder = folder_of(cache, recipe.key)
-    manifest = _intact_manifest(folder, recipe)
-    if manifest is None:
-        return None
-    return {
-        name: np.load(folder / f"{name}.npy", mmap_mode="r" if name == "frames" else None)
-        for name in _arrays_of(manifest)
-    }
-
-
-def _cut_chunk(longer: Chunk, start: int) -> Chunk:
-    """Return a whole chunk of a longer set, as ``_press`` returns it.
-
-    A chunk depends on its own presses and its number alone, so that the frames are the same.
-    """
-    rows = slice(start, start + CHUNK)
-    images, poses = np.array(longer["frames"][rows]), longer["poses"][rows]
-    numbers = longer[REST_ARRAYS[1]][rows] if REST_ARRAYS[1] in longer else np.zeros(CHUNK, int)
-    others = list(dict.fromkeys(int(number) for number in numbers if number))  # 0: the sensor's own
-    rests = [longer[REST_ARRAYS[0]][number] for number in others]
-    return {
-        "images": images,
-        "poses": poses,
-        "rests": np.array(rests, dtype=images.dtype),
-        "rest_of": np.array([others.index(k) if k else -1 for k in numbers], dtype=np.intp),
-    }
+    return entry.write(fill)
 
 
 def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk:
@@ -342,7 +265,3 @@ def _join_signals(
                 "fix the sensor."
             )
     return np.concatenate([np.empty((0, *rest.shape), rest.dtype), *chunks])
-
-
-def _beside(folder: Path, suffix: str) -> Path:
-    return folder.with_name(folder.name + suffix)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.frames.cache import FrameRecipe, count_missing, folder_of, is_cached, open_frames
+from tactibench.frames.cache import FrameRecipe, open_frames
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
     QUICK_FIT,
@@ -67,12 +67,11 @@ class GeneratedFrameSet(FrameSet):
     @property
     def cached(self) -> bool:
         """Return whether the frames are in the cache."""
-        return is_cached(folder_of(self.cache, self.key))
+        return self.recipe.entry(self.cache).cached
 
-    @property
-    def missing(self) -> int:
-        """Return how many frames have to be made; others may be those of a longer set."""
-        return count_missing(self.recipe, self.cache)
+    def remove(self) -> None:
+        """Remove the frames from the cache, so that they are made anew."""
+        self.recipe.entry(self.cache).remove()
 
     def open(self, advance: Advance) -> Presses:
         """Return the frames, made where they are not in the cache."""
@@ -219,8 +218,7 @@ class DrawnFrames(FrameSource):
         return FramePlan(
             source=self,
             fit=tuple(
-                self._fit_set(name, rows, divided.fit if name == split.draw else rows)
-                for name, rows in fit.items()
+                self._frame_set(self.training, "fit", name, rows, FIT) for name, rows in fit.items()
             ),
             validation=(
                 self._frame_set(self.training, "validation", split.draw, validation, VALIDATION),
@@ -233,20 +231,6 @@ class DrawnFrames(FrameSource):
             workspace=self.training.sensor.workspace,
             test_identity=None if request.test_sensor is None else self.testing.identity,
         )
-
-    def _fit_set(self, name: str, rows: Sequence[int], all_rows: Sequence[int]) -> FrameSet:
-        """Return the frames of ``rows``, which begin those that a run on all presses has cached.
-
-        Args:
-            name: Name of the draw.
-            rows: Numbers of the presses to learn from, the first of ``all_rows``.
-            all_rows: Numbers of the presses that a run on all presses learns from.
-        """
-        frames = self._frame_set(self.training, "fit", name, rows, FIT)
-        if len(rows) == len(all_rows):
-            return frames
-        longer = self._frame_set(self.training, "fit", name, all_rows, FIT).recipe
-        return replace(frames, recipe=replace(frames.recipe, longer=longer))
 
     def test_frames(self) -> tuple[FrameSet, ...]:
         """Return the presses that the protocol tests, or as many as the request asks for.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from tactibench.errors import UserError
 from tactibench.frames.source import FrameRequest, FrameSource
 
 
@@ -12,25 +11,15 @@ def frame_source(request: FrameRequest) -> FrameSource:
     Raises:
         UserError: The sensor does not have the frames that the protocol asks for.
     """
-    spec, sensor = request.spec, request.sensor
+    spec = request.spec
     if spec.transfer is not None:
         from tactibench.frames.transfer import TransferFrames
 
         return TransferFrames(request)
-    if sensor.spec.needs_data:
-        if spec.families:
-            raise UserError(
-                f"protocol {spec.id!r} presses hard cases, which the folder of sensor "
-                f"{sensor.name!r} does not hold; take a simulated sensor."
-            )
+    if request.sensor.spec.needs_data:
         from tactibench.frames.recorded import recorded_source
 
         return recorded_source(request)
-    if spec.split is None:
-        raise UserError(
-            f"protocol {spec.id!r} takes the presses of a recorded folder, which sensor "
-            f"{sensor.name!r} does not have; use --sensor recorded --data DIR."
-        )
     if spec.families:
         from tactibench.frames.hard_cases import HardCaseFrames
 

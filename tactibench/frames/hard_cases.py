@@ -254,6 +254,10 @@ class FaultyFrameSet(FrameSet):
         """Return whether the base frames are in the cache."""
         return self.base.cached
 
+    def remove(self) -> None:
+        """Remove the base frames from the cache."""
+        self.base.remove()
+
     def open_sensor(self) -> Sensor | None:
         """Return the sensor of the base frames, to be asked and not to be pressed."""
         return self.base.open_sensor()

@@ -132,10 +132,8 @@ class FrameSet(ABC):
     def cached(self) -> bool:
         """Return whether the frames exist already."""
 
-    @property
-    def missing(self) -> int:
-        """Return how many frames have to be made."""
-        return 0 if self.cached else len(self.scenes)
+    def remove(self) -> None:  # noqa: B027 - frames that are read from a folder stay there
+        """Remove generated frames from the cache, so that they are made anew."""
 
     @abstractmethod
     def open(self, advance: Advance) -> Presses:

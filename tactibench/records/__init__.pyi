@@ -6,10 +6,13 @@ from .answers import pack_plates as pack_plates
 from .answers import unpack_contacts as unpack_contacts
 from .answers import unpack_plates as unpack_plates
 from .bound_spec import BoundSpec as BoundSpec
-from .cache import VARIABLE as VARIABLE
-from .cache import cache_folder as cache_folder
+from .files import MANIFEST as MANIFEST
+from .files import VARIABLE as VARIABLE
+from .files import CacheEntry as CacheEntry
 from .files import arrays_hash as arrays_hash
 from .files import atomic as atomic
+from .files import beside as beside
+from .files import cache_folder as cache_folder
 from .files import file_hash as file_hash
 from .files import locked as locked
 from .files import parse_json as parse_json
@@ -17,6 +20,7 @@ from .files import read_arrays as read_arrays
 from .files import read_checked_arrays as read_checked_arrays
 from .files import read_checked_json as read_checked_json
 from .files import read_json as read_json
+from .files import replace_folder as replace_folder
 from .files import write_arrays as write_arrays
 from .files import write_checked_arrays as write_checked_arrays
 from .files import write_checked_json as write_checked_json
@@ -42,9 +46,9 @@ from .record import SimulatorError as SimulatorError
 from .record import SpeedRow as SpeedRow
 from .record import Timed as Timed
 from .record import Value as Value
+from .record import check_invariants as check_invariants
 from .record import make_signature as make_signature
 from .record import parse_record as parse_record
-from .store import BEFORE as BEFORE
 from .store import CHECKSUM as CHECKSUM
 from .store import PARTS as PARTS
 from .store import RECORD as RECORD

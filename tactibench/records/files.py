@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and locks so that no two processes write one."""
+"""Files and folders that are written whole or not at all, and the cache that holds them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import json
 import math
 import os
 import re
+import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,7 +19,20 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
-from tactibench.records.identity import digest
+from tactibench.records.identity import canonical, digest
+
+VARIABLE = "TACTIBENCH_CACHE"
+MANIFEST = "manifest.json"
+
+
+def cache_folder() -> Path:
+    """Return ``TACTIBENCH_CACHE``, or the platform's user cache: files that can be made again."""
+    given = os.environ.get(VARIABLE)
+    if given:
+        return Path(given).expanduser()
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("tactibench", appauthor=False))
 
 
 @contextmanager
@@ -110,7 +125,7 @@ def write_checked_json(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def read_checked_json(path: Path) -> dict[str, Any]:
-    """Return the object of ``write_checked_json``; an older file without a checksum is accepted.
+    """Return the object of ``write_checked_json``.
 
     Raises:
         UserError: The file is missing or damaged, or its values are not those that were written.
@@ -118,8 +133,7 @@ def read_checked_json(path: Path) -> dict[str, Any]:
     values = read_json(path)
     if not isinstance(values, dict):
         raise UserError(f"{path} holds no JSON object; restore it.")
-    stated = values.pop(CHECKSUM, None)
-    if stated is not None and stated != digest(values):
+    if values.pop(CHECKSUM, None) != digest(values):
         raise UserError(f"{path} is not what was written; delete it, or restore it.")
     return values
 
@@ -212,3 +226,83 @@ def locked(path: Path) -> Iterator[None]:
     path.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(path, poll_interval=0.02, is_singleton=True):
         yield
+
+
+def beside(folder: Path, suffix: str) -> Path:
+    """Return the hidden path beside a folder that ends in ``suffix``, such as ".lock"."""
+    return folder.with_name(f".{folder.name}{suffix}")
+
+
+def replace_folder(made: Path, folder: Path) -> None:
+    """Give a folder that is whole its name; another one of that name is removed."""
+    old = beside(folder, ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    made.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class CacheEntry:
+    """A folder of files that can be made again: it is whole, or it is not there.
+
+    A manifest holds the identity of the entry and the hash of every file. Whoever reads or writes
+    an entry holds its lock.
+
+    Attributes:
+        folder: Folder of the entry.
+        identity: Everything that the files are made from, as a JSON value.
+    """
+
+    folder: Path
+    identity: Any
+
+    @property
+    def cached(self) -> bool:
+        """Return whether the entry is there; it is verified when it is read."""
+        return (self.folder / MANIFEST).is_file()
+
+    def locked(self) -> AbstractContextManager[None]:
+        """Return the lock of the entry: two processes that make one entry take turns."""
+        return locked(beside(self.folder, ".lock"))
+
+    def read(self) -> dict[str, Any] | None:
+        """Return the manifest, with the hash of every file by name as ``files``.
+
+        None where the entry is missing, a file was changed, or it was made from something else.
+        """
+        try:
+            manifest = read_checked_json(self.folder / MANIFEST)
+            intact = canonical(manifest["identity"]) == canonical(self.identity) and all(
+                file_hash(self.folder / name) == value for name, value in manifest["files"].items()
+            )
+        except (UserError, OSError, KeyError, TypeError, AttributeError, ValueError):
+            return None
+        return manifest if intact else None
+
+    def write(self, fill: Callable[[Path], Mapping[str, Any]]) -> dict[str, Any]:
+        """Write the entry, and return its manifest. What was there before is replaced.
+
+        Args:
+            fill: Function that writes all files into an empty folder, and returns further values
+                of the manifest.
+        """
+        made = beside(self.folder, ".made")
+        shutil.rmtree(made, ignore_errors=True)
+        made.mkdir(parents=True)
+        try:
+            facts = fill(made)
+            paths = sorted(path for path in made.rglob("*") if path.is_file())
+            files = {path.relative_to(made).as_posix(): file_hash(path) for path in paths}
+            manifest = {"identity": self.identity, "files": files, **facts}
+            write_checked_json(made / MANIFEST, manifest)
+            replace_folder(made, self.folder)
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
+        return manifest
+
+    def remove(self) -> None:
+        """Remove the entry, so that it is made anew."""
+        with self.locked():
+            shutil.rmtree(self.folder, ignore_errors=True)

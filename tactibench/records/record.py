@@ -22,6 +22,7 @@ from tactibench.errors import UserError
 from tactibench.plugins import Prior
 
 SCHEMA = 1
+OLDER = "; a record of an older form is read by commit e6a49ac9"
 SHARES = ("missed", "resolved", "catch_resolved", "coverage")
 """Metrics that are shares of something and lie in 0..1."""
 
@@ -41,18 +42,14 @@ class _Strict(BaseModel):
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
-class _Open(BaseModel):
-    """A part of a record to which later versions may add keys; keys that are read are declared."""
+class _Open(_Strict):
+    """A part of a record to which keys may be added; keys that are read are declared."""
 
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+    model_config = ConfigDict(extra="allow")
 
     def __bool__(self) -> bool:
         """Return whether the record holds any key of this part."""
         return bool(self.model_fields_set)
-
-    def json_values(self) -> dict[str, Any]:
-        """Return the part as it stands in ``record.json``."""
-        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
 class Metric(_Strict):
@@ -666,24 +663,30 @@ def parse_record(values: Any, where: str) -> Record:
         where: Name of the record in messages.
 
     Raises:
-        UserError: The schema is another one, a key is wrong, or an invariant is broken.
+        UserError: The record has an older form, a key is wrong, or an invariant is broken.
     """
-    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
-        stated = values.get("schema") if isinstance(values, dict) else type(values).__name__
-        raise UserError(
-            f"{where} has record schema {stated!r}, this tactibench reads schema {SCHEMA}; "
-            "make the record again with this version."
-        )
     try:
         record = Record.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise UserError(f"{where} is no valid record: key {place!r}: {first['msg']}.") from None
+        what = f"key {place!r}: {first['msg']}" if place else first["msg"]
+        older = OLDER if first["type"] in ("missing", "extra_forbidden", "literal_error") else ""
+        raise UserError(f"{where} is no valid record: {what}{older}.") from None
+    check_invariants(record, where)
+    return record
+
+
+def check_invariants(record: Record, where: str) -> None:
+    """Raise UserError where a record breaks an invariant of correct measurements.
+
+    Args:
+        record: The record.
+        where: Name of the record in messages.
+    """
     broken = next(_broken_invariants(record), None)
     if broken:
         raise UserError(f"{where} is no valid record: {broken}.")
-    return record
 
 
 def _broken_invariants(record: Record) -> Iterator[str]:

@@ -1,39 +1,41 @@
 """The run store: one folder per run, complete or absent.
 
-The answers of a run are stored before they are scored, in a hidden folder beside the run's own. So
-no computed answer is lost where scoring fails.
+The answers of a run are stored before they are scored, in a hidden folder beside the run's own, and
+its record is written last. So no computed answer is lost where scoring fails.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.records.files import (
     arrays_hash,
+    beside,
     locked,
     read_arrays,
     read_json,
+    replace_folder,
     write_arrays,
     write_json,
 )
 from tactibench.records.identity import digest
-from tactibench.records.record import Record, parse_record
+from tactibench.records.record import Record, check_invariants, parse_record
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 RECORD = "record.json"
 CHECKSUM = "sealed"
 """Key of a record's identity: the digest of everything else in the record. It shows changes made by
-accident. Somebody who changes a record on purpose can write a new digest; ``tactibench verify``
-detects that."""
-BEFORE = ".before"
-"""Suffix of the folder of a run that is being replaced, until the new run has its place."""
+accident. Somebody who changes a record on purpose can write a new digest."""
 ANSWERS = ".answers"
 """Suffix of the hidden folder of a run whose answers are stored and not scored yet."""
 PARTS = ("truth", "predictions", "maps", "times", "examples")
@@ -50,10 +52,53 @@ class StoredRun:
     Attributes:
         folder: Folder of the run.
         record: Contents of its ``record.json``.
+        parts: Arrays that are in memory already, by the names of PARTS.
     """
 
     folder: Path
     record: Record
+    parts: Mapping[str, Arrays] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        """The name of the run in its store."""
+        return self.record.name
+
+    @property
+    def metrics(self) -> pd.DataFrame:
+        """Every metric by group: value, 95 % interval, counts and unit."""
+        import pandas as pd
+
+        return pd.DataFrame([row.json_values() for row in self.record.metrics])
+
+    @property
+    def speed(self) -> pd.DataFrame:
+        """Latency by scenario, threads, batch and phase, in ms a call."""
+        import pandas as pd
+
+        return pd.DataFrame([row.json_values() for row in self.record.speed])
+
+    def value(self, metric: str, group: str = "all") -> float | None:
+        """Return the value of a metric; None where it is n/a.
+
+        Args:
+            metric: Name of the metric, such as "mae_mm".
+            group: Name of the group, such as "mean".
+
+        Raises:
+            UserError: The run has no such metric, or not of this group.
+        """
+        row = self.record.metric(metric, group)
+        if row is None:
+            groups = [m.group for m in self.record.metrics if m.metric == metric]
+            if groups:
+                raise UserError(
+                    f"run {self.name} has no {metric} of {group!r}; it has those of "
+                    f"{', '.join(groups)}."
+                )
+            hint = did_you_mean(metric, {m.metric for m in self.record.metrics})
+            raise UserError(f"run {self.name} has no metric {metric!r}; {hint}")
+        return row.value
 
     def arrays(self, part: str) -> Arrays:
         """Return the arrays of one of PARTS, verified against the record.
@@ -61,6 +106,8 @@ class StoredRun:
         Raises:
             UserError: The file is missing, damaged, or not what the record was made from.
         """
+        if part in self.parts:
+            return self.parts[part]
         path = self.folder / f"{part}.npz"
         arrays = read_arrays(path)
         if arrays_hash(arrays) != self.record.identity.stored.get(part):
@@ -81,15 +128,16 @@ def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> Store
     Raises:
         UserError: The record breaks an invariant.
     """
-    answers = write_answers(store, record, parts)
-    return complete_run(answers, answers.record)
+    with held_name(store, record.name):
+        answers = write_answers(store, record, parts)
+        return complete_run(answers, answers.record)
 
 
 def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> StoredRun:
     """Store the arrays of a run with its record, hidden until ``complete_run`` shows the run.
 
     Args:
-        store: Folder of the run store.
+        store: Folder of the run store. The caller holds the name of the run.
         record: Record of the run; it may lack the metrics.
         parts: Arrays, by the names of PARTS.
 
@@ -97,64 +145,44 @@ def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> S
         UserError: The record breaks an invariant; nothing is written.
     """
     stored = {name: arrays_hash(parts[name]) for name in PARTS}
-    values = record.json_values()
-    values["identity"]["stored"] = stored
-    values = with_checksum(values)
-    record = parse_record(values, f"the record of {record.name}")
-    folder = store / record.name
-    answers, temporary = (_beside(folder, suffix) for suffix in (ANSWERS, ".made"))
-    with held_name(store, record.name):
-        shutil.rmtree(temporary, ignore_errors=True)
-        temporary.mkdir(parents=True)
-        try:
-            for name in PARTS:
-                write_arrays(temporary / f"{name}.npz", parts[name])
-            write_json(temporary / RECORD, values)
-            shutil.rmtree(answers, ignore_errors=True)
-            temporary.rename(answers)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-    return StoredRun(answers, record)
+    record = _with_identity(record, stored=stored)
+    check_invariants(record, f"the record of {record.name}")
+    answers = beside(store / record.name, ANSWERS)
+    shutil.rmtree(answers, ignore_errors=True)
+    answers.mkdir(parents=True)
+    try:
+        for name in PARTS:
+            write_arrays(answers / f"{name}.npz", parts[name])
+        record = _write_record(answers, record)  # the last file: with it the answers are complete
+    except BaseException:
+        shutil.rmtree(answers, ignore_errors=True)
+        raise
+    return StoredRun(answers, record, parts)
 
 
 def held_name(store: Path, name: str) -> AbstractContextManager[None]:
     """Return a lock on the name of a run: two processes that make one run take turns."""
-    return locked(_beside(store / name, ".lock"))
+    return locked(beside(store / name, ".lock"))
 
 
 def unscored_run(store: Path, name: str) -> StoredRun | None:
     """Return the stored answers of a run that is not scored yet; None without readable ones."""
-    return _readable(_beside(store / name, ANSWERS))
+    return _readable(beside(store / name, ANSWERS))
 
 
 def complete_run(answers: StoredRun, record: Record) -> StoredRun:
     """Give stored answers the final record of their run, and show the run under its name.
 
-    A run of the same name is replaced.
+    A run of the same name is replaced. The caller holds the name of the run.
 
     Raises:
-        UserError: The record breaks an invariant, and the answers stay where they are; or another
-            process stored the run meanwhile, and the answers are gone.
+        UserError: The record breaks an invariant, and the answers stay where they are.
     """
-    values = with_checksum(record.json_values())
-    record = parse_record(values, f"the record of {record.name}")
+    check_invariants(record, f"the record of {record.name}")
+    record = _write_record(answers.folder, record)
     folder = answers.folder.with_name(record.name)
-    before = _beside(folder, BEFORE)
-    with held_name(folder.parent, record.name):
-        if not answers.folder.is_dir():
-            raise UserError(
-                f"the answers of {record.name} are gone, because another process stored the run "
-                "meanwhile; show it with `tactibench score`."
-            )
-        _put_back(before, folder)
-        write_json(answers.folder / RECORD, values)
-        try:
-            if folder.exists():
-                folder.rename(before)
-            answers.folder.rename(folder)
-        finally:
-            _put_back(before, folder)
-    return StoredRun(folder, record)
+    replace_folder(answers.folder, folder)
+    return StoredRun(folder, record, answers.parts)
 
 
 def open_run(store: Path, name: str) -> StoredRun:
@@ -163,13 +191,12 @@ def open_run(store: Path, name: str) -> StoredRun:
     Raises:
         UserError: There is no such run, its record cannot be read or is invalid, or it was changed.
     """
-    _repair(store)
     given = Path(name)
     folder = given.parent if given.name == RECORD else given
     if not (folder / RECORD).is_file():
         folder = store / name
     if not (folder / RECORD).is_file():
-        names = [run.folder.name for run in stored_runs(store)]
+        names = run_names(store)
         near = did_you_mean(name, names) if names else "it holds no run yet."
         raise UserError(f"there is no run {name!r} in {store}; {near}")
     return _opened(folder)
@@ -177,7 +204,6 @@ def open_run(store: Path, name: str) -> StoredRun:
 
 def readable_run(store: Path, name: str) -> StoredRun | None:
     """Return the run of this name; None where there is none or it cannot be read."""
-    _repair(store)
     return _readable(store / name)
 
 
@@ -185,7 +211,6 @@ def run_names(store: Path) -> list[str]:
     """Return the names of all runs in a store, sorted, whether they can be read or not."""
     if not store.is_dir():
         return []
-    _repair(store)
     names = sorted(path.name for path in store.iterdir())
     return [name for name in names if name[0] != "." and (store / name / RECORD).is_file()]
 
@@ -213,6 +238,18 @@ def _opened(folder: Path) -> StoredRun:
     return StoredRun(folder, record)
 
 
+def _write_record(folder: Path, record: Record) -> Record:
+    """Write the record of a folder with its checksum, and return it with the checksum."""
+    values = with_checksum(record.json_values())
+    write_json(folder / RECORD, values)
+    return _with_identity(record, checksum=values["identity"][CHECKSUM])
+
+
+def _with_identity(record: Record, **changes: Any) -> Record:
+    identity = record.identity.model_copy(update=changes)
+    return record.model_copy(update={"identity": identity})
+
+
 def with_checksum(values: dict[str, Any]) -> dict[str, Any]:
     """Return a record with the digest of everything else in it."""
     identity = {name: value for name, value in values["identity"].items() if name != CHECKSUM}
@@ -221,32 +258,10 @@ def with_checksum(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def refuse_changed(values: dict[str, Any], where: str) -> None:
-    """Raise UserError where a record is not what was written.
-
-    Older records have no checksum and are accepted.
-    """
+    """Raise UserError where a record is not what was written."""
     stated = values["identity"].get(CHECKSUM)
     if stated not in (None, with_checksum(values)["identity"][CHECKSUM]):
         raise UserError(
             f"{where} is not what was written: a value in it was changed; restore it, or run "
             "the protocol again with --fresh."
         )
-
-
-def _beside(folder: Path, suffix: str) -> Path:
-    return folder.with_name(f".{folder.name}{suffix}")
-
-
-def _repair(store: Path) -> None:
-    """Put back runs whose replacement was interrupted; a store that is read-only stays as it is."""
-    for before in store.glob(f".*{BEFORE}"):
-        folder = store / before.name.removeprefix(".").removesuffix(BEFORE)
-        with suppress(OSError), locked(_beside(folder, ".lock")):
-            _put_back(before, folder)
-
-
-def _put_back(before: Path, folder: Path) -> None:
-    """Put the earlier run back where its replacement did not take place, else remove it."""
-    if before.is_dir() and not folder.exists():
-        before.rename(folder)
-    shutil.rmtree(before, ignore_errors=True)

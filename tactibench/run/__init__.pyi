@@ -1,8 +1,8 @@
 """Public names of tactibench.run, and the modules that define them."""
 
-from .cached_weights import CachedWeights as CachedWeights
-from .cached_weights import weights_folder as weights_folder
+from .components import describe_target as describe_target
 from .components import resolve_components as resolve_components
+from .components import resolve_test_sensor as resolve_test_sensor
 from .configurations import COMPILED as COMPILED
 from .configurations import ROUNDS as ROUNDS
 from .configurations import Configuration as Configuration
@@ -26,6 +26,8 @@ from .examples import EXAMPLES as EXAMPLES
 from .examples import example_arrays as example_arrays
 from .examples import pack_features as pack_features
 from .examples import unpack_features as unpack_features
+from .execution import execute as execute
+from .execution import target_record as target_record
 from .few_shot import count_groups as count_groups
 from .few_shot import repeat as repeat
 from .hard_cases import FAILURE_COLUMNS as FAILURE_COLUMNS
@@ -57,24 +59,22 @@ from .machine import fingerprint as fingerprint
 from .machine import fingerprint_hash as fingerprint_hash
 from .machine import physical_cores as physical_cores
 from .machine import software as software
-from .onnx_file import export_onnx as export_onnx
-from .onnx_file import largest_difference as largest_difference
 from .plan import RunPlan as RunPlan
 from .plan import make_plan as make_plan
 from .plan import name_stem as name_stem
 from .plan import no_weights as no_weights
-from .plan import plan_lines as plan_lines
 from .predict import AnswerRules as AnswerRules
 from .predict import Predictions as Predictions
 from .predict import blinded as blinded
-from .predict import cached_predictions as cached_predictions
 from .predict import predict_frames as predict_frames
+from .predict import resumed_predictions as resumed_predictions
 from .published_predictions import PublishedPredictions as PublishedPredictions
 from .published_predictions import find_published as find_published
 from .published_predictions import published_arrays as published_arrays
 from .reporter import NullProgress as NullProgress
 from .reporter import NullReporter as NullReporter
 from .reporter import Reporter as Reporter
+from .reporter import open_frames as open_frames
 from .request import DATA as DATA
 from .request import HIDDEN as HIDDEN
 from .request import SHOTS as SHOTS
@@ -93,9 +93,6 @@ from .score import score_answers as score_answers
 from .score import score_arrays as score_arrays
 from .score import trials_of as trials_of
 from .score import unpack_published as unpack_published
-from .test_sensor import describe_target as describe_target
-from .test_sensor import resolve_test_sensor as resolve_test_sensor
-from .test_sensor import target_record as target_record
 from .threads import limited_threads as limited_threads
 from .timing import BUDGET_S as BUDGET_S
 from .timing import CALLS as CALLS
@@ -103,11 +100,14 @@ from .timing import OFFLINE_CALLS as OFFLINE_CALLS
 from .timing import TIMED_FRAMES as TIMED_FRAMES
 from .timing import Speed as Speed
 from .timing import time_model as time_model
-from .train import open_frames as open_frames
-from .train import train_model as train_model
-from .weights_description import WeightsDescription as WeightsDescription
+from .weights import TrainedWeights as TrainedWeights
+from .weights import cached_weights as cached_weights
+from .weights import train_model as train_model
+from .weights import weights_folder as weights_folder
 from .weights_file import SUFFIX as SUFFIX
+from .weights_file import WeightsDescription as WeightsDescription
+from .weights_file import export_onnx as export_onnx
 from .weights_file import export_weights as export_weights
-from .weights_file import import_weights as import_weights
+from .weights_file import largest_difference as largest_difference
 from .weights_file import open_weights as open_weights
-from .weights_file import read_weights as read_weights
+from .weights_file import read_description as read_description

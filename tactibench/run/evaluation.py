@@ -20,9 +20,8 @@ from tactibench.records import Arrays, pack
 from tactibench.run.examples import example_arrays
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import AnswerRules, Predictions, predict_frames
-from tactibench.run.reporter import Reporter
+from tactibench.run.reporter import Reporter, open_frames
 from tactibench.run.timing import Speed, time_model
-from tactibench.run.train import open_frames
 
 
 @dataclass(frozen=True)

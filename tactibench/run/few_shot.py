@@ -20,8 +20,7 @@ from tactibench.run.components import cannot_adapt
 from tactibench.run.evaluation import Evaluation, TestFrames, truth_arrays
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import Answers, HeatMaps, Predictions, predict_frames
-from tactibench.run.reporter import Reporter
-from tactibench.run.train import open_frames
+from tactibench.run.reporter import Reporter, open_frames
 
 Row = TypeVar("Row")
 

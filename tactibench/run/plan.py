@@ -4,26 +4,41 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError
 from tactibench.frames import FramePlan, FrameRequest, FrameSet, frame_source
-from tactibench.plugins import ModelContext, PluginHost
+from tactibench.plugins import Model, ModelContext, PluginHost
 from tactibench.protocols import LoadedProtocol, Protocol, load_protocol
-from tactibench.records import code_hash, digest, installed_versions
-from tactibench.run.components import Components, cannot_adapt, resolve_components
+from tactibench.records import (
+    RECORD,
+    StoredRun,
+    code_hash,
+    digest,
+    installed_versions,
+    open_run,
+    unscored_run,
+)
+from tactibench.run.components import (
+    Components,
+    check_signals,
+    describe_target,
+    resolve_components,
+)
 from tactibench.run.machine import choose_device, fingerprint_hash, machine
-from tactibench.run.request import RunRequest, data_folder
-from tactibench.run.test_sensor import describe_target, resolve_test_sensor
-from tactibench.run.weights import WeightsPlan, plan_weights
+from tactibench.run.reporter import Reporter
+from tactibench.run.request import RunRequest
+from tactibench.run.weights import TrainedWeights, WeightsEntry, plan_weights, train_model
 
 if TYPE_CHECKING:
     from tactibench.protocols import HiddenSeed
     from tactibench.run.published_predictions import PublishedPredictions
 
+STORE = Path("runs")
+"""The run store where none is named."""
 SHOWS_ONLY = frozenset(
     {"_shipped", "api.py", "board", "cli", "live", "report", "scaffold", "sweep", "testing"}
 )
@@ -42,7 +57,8 @@ class RunPlan:
         components: Model, sensors and encoder.
         device: "cpu" or "cuda".
         frames: Plan of the frames.
-        weights: Plan of the weights.
+        weights: Place of the weights in the cache.
+        store: Folder of the run store.
         published: Published predictions that the run is compared with.
         hidden: The secret seed of the test presses; None where it is not used.
     """
@@ -52,7 +68,8 @@ class RunPlan:
     components: Components
     device: str
     frames: FramePlan
-    weights: WeightsPlan
+    weights: WeightsEntry
+    store: Path = STORE
     published: tuple[PublishedPredictions, ...] = ()
     hidden: HiddenSeed | None = None
 
@@ -106,10 +123,9 @@ class RunPlan:
         return f"{stem}-{digest(self.identity)[:8]}"
 
     @property
-    def predictions_file(self) -> Path:
-        """Return the file of the predictions for the test frames in the cache."""
-        cache = self.weights.folder.parents[1]
-        return cache / "predictions" / f"{digest(self.identity)[:24]}.npz"
+    def stored(self) -> bool:
+        """Return whether the run is in the store already."""
+        return (self.store / self.name / RECORD).is_file()
 
     def context(self) -> ModelContext:
         """Return the context in which the model is built."""
@@ -123,6 +139,95 @@ class RunPlan:
             checkpoints=self.weights.checkpoints,
             transfers=self.spec.transfer is not None,
         )
+
+    def check(self) -> None:
+        """Raise UserError for metrics that do not exist or do not fit, before any work."""
+        from tactibench.metrics import check_metrics
+
+        check_metrics(self.protocol)
+
+    def train(self, reporter: Reporter, *, fresh: bool = False) -> tuple[Model, TrainedWeights]:
+        """Train the model, or load its weights from the cache, without a test.
+
+        Args:
+            reporter: Shows the work.
+            fresh: Whether to make frames and weights anew.
+        """
+        if fresh:
+            self.remove_cached()
+        return train_model(self, reporter)
+
+    def carry_out(self, reporter: Reporter, *, fresh: bool = False) -> StoredRun:
+        """Return the run from the store, or carry it out, store it and return it.
+
+        Args:
+            reporter: Shows the work.
+            fresh: Whether to make everything anew: frames, weights, answers and times.
+
+        Raises:
+            UserError: The model, the sensor or the protocol cannot do what the plan needs.
+        """
+        if self.stored and not fresh:
+            return open_run(self.store, self.name)
+        from tactibench.run.execution import execute
+
+        return execute(self, reporter, fresh=fresh)
+
+    def remove_cached(self) -> None:
+        """Remove the frames and weights of the plan from the cache, so that they are made anew."""
+        few_shot = () if self.frames.few_shot is None else (self.frames.few_shot,)
+        for frames in (*self.frames, *few_shot):
+            frames.remove()
+        self.weights.remove()
+
+    def lines(self, *, fresh: bool = False) -> list[str]:
+        """Return what will be generated, trained and taken from the cache, line by line.
+
+        Args:
+            fresh: Whether everything will be made anew.
+        """
+        name = self.name
+        if self.stored and not fresh:
+            return [f"plan: {name} is in the store and is shown as it is (--fresh runs it again)"]
+        if not fresh and unscored_run(self.store, name) is not None:
+            return [f"plan: the answers of {name} are in the store and are scored"]
+        frames, model = self.frames, self.components.model.label
+        train = "take the trained weights from the cache"
+        if fresh or not self.weights.cached:
+            again = " from where it stopped" if self.weights.begun and not fresh else ""
+            sets = self._describe_sets((*frames.fit, *frames.validation), fresh)
+            train = f"{sets}; train {model} on {self.device}{again}"
+        target = ""
+        if self.components.test_sensor is not None:
+            target = f"on {describe_target(self.components.test_sensor, self.request.test)}: "
+        lines = [f"plan: {name}", f"  train: {train}"]
+        if self.spec.transfer is not None:
+            counts = ", ".join(map(str, self.spec.transfer.shots))
+            lines.append(f"  shots: {counts} labelled frames of the tested sensor")
+            if frames.calibrated:
+                lines[-1] += f"; {frames.calibrated} frames calibrated the simulator, are left out"
+        elif frames.few_shot is not None:
+            shots = self._describe_sets((frames.few_shot,), fresh)
+            lines.append(f"  shots: {shots}, with labels")
+        test = self._describe_sets(frames.test, fresh)
+        lines.append(f"  test:  {target}{test}; predict, time, score")
+        return [*lines, *(f"  against {table.describe()}" for table in self.published)]
+
+    def _describe_sets(self, sets: tuple[FrameSet, ...], fresh: bool) -> str:
+        """Return a text such as "generate 3,600 frames (singles) on tactip-127; take 400 ..."."""
+        counts_by_way: dict[str, dict[str, int]] = {}
+        for frames in sets:
+            trains = frames.role in {"fit", "validation"}
+            sensor = self.components.sensor if trains else self.components.tested
+            name = f"{frames.name}, validation" if frames.role == "validation" else frames.name
+            way = f"generate {{}} frames on {sensor.label}"
+            if sensor.spec.needs_data:
+                way = "read {} frames"
+            elif frames.cached and not fresh:
+                way = "take {} frames from the cache"
+            counts = counts_by_way.setdefault(way, {})
+            counts[name] = counts.get(name, 0) + len(frames.scenes)
+        return "; ".join(way.format(_describe_counts(c)) for way, c in counts_by_way.items())
 
 
 def name_stem(
@@ -162,6 +267,7 @@ def make_plan(
     host: PluginHost,
     cache: Path,
     frame_plans: dict[str, FramePlan] | None = None,
+    store: Path = STORE,
 ) -> RunPlan:
     """Return the plan of a run for a request.
 
@@ -171,18 +277,14 @@ def make_plan(
         cache: Folder of frames and weights.
         frame_plans: Plans of frames of the same sweep, by a text of their request. Missing ones are
             added: many cells share their frames, and a plan of frames takes most of the time.
+        store: Folder of the run store.
 
     Raises:
         UserError: Something in the request does not exist or does not fit.
     """
     protocol = load_protocol(request.protocol)
     spec, test = protocol.spec, request.test
-    data_folder(request.data)
     components = resolve_components(request, spec, host)
-    test_sensor = resolve_test_sensor(test, spec, components.sensor, host)
-    components = replace(components, test_sensor=test_sensor)
-    if test.shots and not components.adapts:
-        raise cannot_adapt(components.model.label)
     hidden = None
     if test.hidden:
         from tactibench.protocols import committed_seed
@@ -206,7 +308,7 @@ def make_plan(
         ),
         {} if frame_plans is None else frame_plans,
     )
-    _check_signals(components, frames, host)
+    check_signals(components, frames.signals, host)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(
@@ -217,7 +319,7 @@ def make_plan(
         device=device,
         cache=cache,
     )
-    return RunPlan(request, protocol, components, device, frames, weights, published, hidden)
+    return RunPlan(request, protocol, components, device, frames, weights, store, published, hidden)
 
 
 def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePlan:
@@ -244,20 +346,6 @@ def no_weights(plan: RunPlan, otherwise: str = "") -> UserError:
     )
 
 
-def _check_signals(components: Components, frames: FramePlan, host: PluginHost) -> None:
-    """Raise UserError where the model cannot read the signals of a sensor of the run."""
-    model = components.model.spec
-    for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
-        if signal not in model.reads:
-            reads = " and ".join(model.reads)
-            able = ", ".join(other.name for other in host.models if signal in other.reads)
-            raise UserError(
-                f"model {model.name!r} reads {reads} frames, but sensor "
-                f"{sensor.name!r} gives {signal} frames; models that read {signal}: "
-                f"{able or 'none'}."
-            )
-
-
 def _published_predictions(
     request: RunRequest, protocol: LoadedProtocol, frames: FramePlan
 ) -> tuple[PublishedPredictions, ...]:
@@ -277,65 +365,6 @@ def _published_predictions(
             "this run is not tested on; leave it out, or run the whole protocol on their recording."
         )
     return ()
-
-
-def plan_lines(plan: RunPlan, stored: bool, *, answered: bool = False) -> list[str]:
-    """Return what will be generated, trained and taken from the cache, line by line.
-
-    Args:
-        plan: The plan of the run.
-        stored: Whether the run is in the store and is only shown.
-        answered: Whether its answers are in the store and are only scored.
-    """
-    if answered and not stored:
-        return [f"plan: the answers of {plan.name} are in the store and are scored"]
-    if stored:
-        return [f"plan: {plan.name} is in the store and is shown as it is (--fresh runs it again)"]
-    frames, model = plan.frames, plan.components.model.label
-    train = "take the trained weights from the cache"
-    if not plan.weights.cached:
-        again = " from where it stopped" if plan.weights.begun else ""
-        sets = _describe_sets(plan, (*frames.fit, *frames.validation))
-        train = f"{sets}; train {model} on {plan.device}{again}"
-    target = ""
-    if plan.components.test_sensor is not None:
-        target = f"on {describe_target(plan.components.test_sensor, plan.request.test)}: "
-    lines = [
-        f"plan: {plan.name}",
-        f"  train: {train}",
-        f"  test:  {target}{_describe_sets(plan, frames.test)}; predict, time, score",
-        *(f"  against {predictions.describe()}" for predictions in plan.published),
-    ]
-    if plan.spec.transfer is not None:
-        counts = ", ".join(map(str, plan.spec.transfer.shots))
-        shots = f"  shots: {counts} labelled frames of the tested sensor"
-        if frames.calibrated:
-            shots += f"; {frames.calibrated} frames calibrated the simulator and are left out"
-        lines.insert(2, shots)
-    elif frames.few_shot is not None:
-        lines.insert(2, f"  shots: {_describe_sets(plan, (frames.few_shot,))}, with labels")
-    return lines
-
-
-def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
-    """Return a text such as "generate 3,600 frames (singles) on tactip-127; take 400 ..."."""
-    counts_by_way: dict[str, dict[str, int]] = {}
-    for frames in sets:
-        trains = frames.role in {"fit", "validation"}
-        sensor = plan.components.sensor if trains else plan.components.tested
-        name = f"{frames.name}, validation" if frames.role == "validation" else frames.name
-        total, missing = len(frames.scenes), frames.missing
-        ways = {
-            f"generate {{}} frames on {sensor.label}": missing,
-            "take {} frames from the cache": total - missing,
-        }
-        if sensor.spec.needs_data:
-            ways = {"read {} frames": total}
-        for way, count in ways.items():
-            if count:
-                counts = counts_by_way.setdefault(way, {})
-                counts[name] = counts.get(name, 0) + count
-    return "; ".join(way.format(_describe_counts(c)) for way, c in counts_by_way.items())
 
 
 def _describe_counts(counts: dict[str, int]) -> str:

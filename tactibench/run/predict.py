@@ -1,8 +1,4 @@
-"""Predictions of a trained model for the test frames, one frame at a time.
-
-They are cached under the identity of the whole run: a run with a second store, or one that was
-stopped while it was timed, does not predict again.
-"""
+"""Predictions of a trained model for the test frames, one frame at a time."""
 
 from __future__ import annotations
 
@@ -133,21 +129,21 @@ def blinded(frame: Frame) -> Frame:
     return Frame(signal, 0.0, Pose(), frame.rest)
 
 
-def cached_predictions(
-    path: Path, weights_hash: str, predict: Callable[[], Predictions], *, fresh: bool
+def resumed_predictions(
+    draft: Path, weights_hash: str, predict: Callable[[], Predictions]
 ) -> Predictions:
-    """Return the cached predictions of weights, or predict and cache the predictions.
+    """Return the predictions of a run that was stopped later, or predict and keep a draft of them.
 
     Args:
-        path: File in the cache.
+        draft: File of the predictions, which is removed once the answers are stored.
         weights_hash: Hash of the model's weights; predictions of other weights are not used.
         predict: Function that predicts.
-        fresh: Whether to predict even if predictions are cached.
     """
-    arrays = None if fresh else read_checked_arrays(path, weights_hash)
+    arrays = read_checked_arrays(draft, weights_hash)
     if arrays is None:
         predictions = predict()
-        write_checked_arrays(path, {**predictions.arrays, **predictions.map_arrays}, weights_hash)
+        arrays = {**predictions.arrays, **predictions.map_arrays}
+        write_checked_arrays(draft, arrays, weights_hash, compress=False)
         return predictions
     maps = arrays.pop(MAPS, None)
     return Predictions(arrays, maps)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
+from tactibench.frames import FrameSet, Presses
 from tactibench.plugins import Progress
 
 
@@ -46,3 +47,10 @@ class NullReporter:
     def training(self) -> Iterator[Progress]:
         """Show nothing."""
         yield NullProgress()
+
+
+def open_frames(frames: FrameSet, reporter: Reporter) -> Presses:
+    """Return the frames of one set, made where they are not in the cache."""
+    verb = "open" if frames.cached else "generate"
+    with reporter.task(f"{verb} {frames.name} ({frames.role})", len(frames.scenes)) as advance:
+        return frames.open(advance)

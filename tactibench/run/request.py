@@ -142,41 +142,32 @@ def read_test_options(texts: tuple[str, ...], *, hidden: bool = False) -> TestOp
     Raises:
         UserError: A text is not understood, or an option is given twice.
     """
-    parameters: dict[str, str] = {}
-    folder: Path | None = None
-    shots: int | None = None
+    values: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         kind, _, parameter = name.partition(".")
         if text == REFERENCE:
             continue
-        if name == DATA and equals:
-            if not value:
-                raise UserError("--test data= names no folder; write --test data=FOLDER.")
-            if folder is not None:
-                raise UserError("--test data is given twice; a run is tested on one recording.")
-            folder = Path(value)
-            continue
-        if name == SHOTS:
-            if shots is not None:
-                raise UserError("--test shots is given twice; give it once.")
-            shots = _read_shots(value)
-            continue
-        if not equals:
+        if not equals and name != SHOTS:
             raise UserError(
                 f"--test {text!r} is neither the word {REFERENCE!r} nor sensor.NAME=VALUE, for "
                 "example sensor.instance=1, nor shots=N, nor data=FOLDER; "
                 f"{did_you_mean(text, [REFERENCE, DATA, SHOTS])}"
             )
-        if kind != "sensor" or not parameter:
+        if name not in (DATA, SHOTS) and (kind != "sensor" or not parameter):
             raise UserError(
                 f"--test {text!r} changes no sensor; write sensor.NAME=VALUE, for example "
                 "sensor.instance=1, or data=FOLDER; what the model is made with goes in --param."
             )
-        if parameter in parameters:
-            raise UserError(f"--test sensor.{parameter} is given twice; give it once.")
-        parameters[parameter] = value
-    return TestOptions(REFERENCE in texts, parameters, hidden, folder, shots or 0)
+        if name in values:
+            raise UserError(f"--test {name} is given twice; give it once.")
+        values[name] = value
+    folder, shots = values.pop(DATA, None), values.pop(SHOTS, "0")
+    if folder == "":
+        raise UserError("--test data= names no folder; write --test data=FOLDER.")
+    parameters = {name.removeprefix("sensor."): value for name, value in values.items()}
+    data = None if folder is None else Path(folder)
+    return TestOptions(REFERENCE in texts, parameters, hidden, data, _read_shots(shots))
 
 
 def _read_shots(text: str) -> int:

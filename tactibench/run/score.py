@@ -23,7 +23,6 @@ from tactibench.records import (
     Metric,
     Record,
     StoredRun,
-    arrays_hash,
     complete_run,
     unpack_contacts,
     unpack_plates,
@@ -189,19 +188,17 @@ def rescore(run: StoredRun, protocol: LoadedProtocol | None = None) -> Record:
             version.
 
     Raises:
-        UserError: The protocol of the run is not installed in the same version, or the predictions
-            are not those of the record.
+        UserError: The protocol of the run is not installed in the same version, or an array is not
+            that of the record.
     """
     protocol = protocol or protocol_of(run)
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
-    if arrays_hash(predicted) != run.record.identity.predictions_hash:
-        raise UserError(f"the predictions in {run.folder} are not those of its record.")
     metrics = score_arrays(protocol.spec, truth, predicted, run.arrays("maps"))
     return run.record.model_copy(update={"metrics": metrics})
 
 
 def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
-    """Score stored answers and complete their run.
+    """Score stored answers and complete their run. The caller holds the name of the run.
 
     Raises:
         UserError: The answers cannot be scored, or an invariant does not hold; the answers stay.

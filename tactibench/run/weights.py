@@ -4,34 +4,36 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
+from tactibench.frames import FrameSet, true_answers
 from tactibench.plugins import PRIORS, FitReport, Model, ModelSpec, Progress
 from tactibench.protocols import Protocol
 from tactibench.records import (
+    MANIFEST,
     BoundSpec,
-    canonical,
+    CacheEntry,
     code_hash,
     combined,
     digest,
-    file_hash,
     installed_versions,
-    locked,
     read_checked_json,
-    write_checked_json,
 )
 from tactibench.run.components import Components
+from tactibench.run.reporter import Reporter, open_frames
 from tactibench.training import resolve_precision
 
+if TYPE_CHECKING:
+    from tactibench.run.plan import RunPlan
+
 TRAINING_STREAM = 1
-MANIFEST = "manifest.json"
 SHARED_CODE = (
     "tactibench.contacts",
     "tactibench.frames.presses",
@@ -44,41 +46,25 @@ PIN_CODE = ("tactibench.markers", "tactibench.superposition")
 """Core modules whose source also changes what models of pins, and models with contact mixing,
 learn."""
 
-TRAINED_WITH = ("torch", "numpy")
-"""Distributions whose versions change weights."""
-
-Examples = tuple[Sequence[Frame], Sequence[Answer]]
-
 
 @dataclass(frozen=True)
-class WeightsPlan:
-    """Identity of trained weights and their place.
-
-    Attributes:
-        identity: Everything that determines the weights.
-        folder: Folder of the weights in the cache.
-        checkpoints: Folder of the checkpoints of their training.
-    """
-
-    identity: dict[str, Any]
-    folder: Path
-    checkpoints: Path
-
-    @classmethod
-    def of(cls, identity: dict[str, Any], cache: Path) -> Self:
-        """Return the plan of an identity in a cache."""
-        key = digest(identity)[:24]
-        return cls(identity, cache / "weights" / key, cache / "training" / key)
+class WeightsEntry(CacheEntry):
+    """Trained weights in the cache."""
 
     @property
-    def cached(self) -> bool:
-        """Return whether the weights are in the cache (they are verified when they are loaded)."""
-        return (self.folder / MANIFEST).is_file()
+    def checkpoints(self) -> Path:
+        """Return the folder of the checkpoints of the training."""
+        return self.folder.parents[1] / "training" / self.folder.name
 
     @property
     def begun(self) -> bool:
         """Return whether an interrupted training can be continued."""
         return self.checkpoints.is_dir() and any(self.checkpoints.iterdir())
+
+    def remove(self) -> None:
+        """Remove the weights and the checkpoints, so that the model is trained anew."""
+        super().remove()
+        shutil.rmtree(self.checkpoints, ignore_errors=True)
 
 
 @dataclass(frozen=True)
@@ -87,13 +73,15 @@ class TrainedWeights:
 
     Attributes:
         hash: Hash of the weights.
-        report: Report of their training.
+        report: Report of their training, see ``FitReport``.
         reused: Whether they were in the cache.
+        folder: Folder of the weights.
     """
 
     hash: str
     report: dict[str, Any]
     reused: bool
+    folder: Path
 
 
 def plan_weights(
@@ -104,8 +92,8 @@ def plan_weights(
     training_key: str,
     device: str,
     cache: Path,
-) -> WeightsPlan:
-    """Return the plan of the weights; equal identities share one training.
+) -> WeightsEntry:
+    """Return the place of the weights; equal identities share one training.
 
     Args:
         protocol: The protocol of the run.
@@ -119,7 +107,7 @@ def plan_weights(
     identity = {
         "model": model.name,
         "parameters": dict(model.values),
-        "code": training_code(model),
+        "code": _training_code(model),
         "encoder": None
         if encoder is None
         else {
@@ -137,9 +125,9 @@ def plan_weights(
         "seed": seed,
         "device": device,
         **_auto_precision(model, device),
-        "versions": installed_versions(*TRAINED_WITH),
+        "versions": installed_versions("torch", "numpy"),
     }
-    return WeightsPlan.of(identity, cache)
+    return WeightsEntry(cache / "weights" / digest(identity)[:24], identity)
 
 
 def _auto_precision(model: BoundSpec[ModelSpec], device: str) -> dict[str, str]:
@@ -149,7 +137,7 @@ def _auto_precision(model: BoundSpec[ModelSpec], device: str) -> dict[str, str]:
     return {"auto_precision": resolve_precision("auto", device)}
 
 
-def training_code(model: BoundSpec[ModelSpec]) -> str:
+def _training_code(model: BoundSpec[ModelSpec]) -> str:
     """Return the hash of all source that changes what a model learns."""
     core: tuple[str, ...] = SHARED_CODE
     if model.values.get("mixing") or model.mentions(*PIN_CODE):
@@ -157,89 +145,55 @@ def training_code(model: BoundSpec[ModelSpec]) -> str:
     return combined([model.code(), *(code_hash(name) for name in core)])
 
 
-def trained_weights(
-    plan: WeightsPlan,
-    model: Model,
-    examples: Callable[[str], Examples],
-    progress: Progress,
-) -> TrainedWeights:
-    """Load weights into a model, after its training where they are not in the cache.
+def train_model(plan: RunPlan, reporter: Reporter) -> tuple[Model, TrainedWeights]:
+    """Return the model of a plan with its weights, trained where they are not in the cache.
 
-    Predictions are always made with weights that were read from the disk.
-
-    Args:
-        plan: Identity and place of the weights.
-        model: The model, which is trained if necessary and loads the weights.
-        examples: Function that returns frames and truth of "fit" or "validation". It is called only
-            when they are needed.
-        progress: Is told of every step.
+    Interrupted training is continued by the same call. Predictions are always made with weights
+    that were read from the disk.
 
     Raises:
         UserError: The report of the training cannot be recorded.
     """
-    with locked(plan.folder.with_name(plan.folder.name + ".lock")):
-        manifest = intact_manifest(plan)
+    model, entry = plan.components.build_model(plan.context()), plan.weights
+    with reporter.training() as progress, entry.locked():
+        manifest = entry.read()
         reused = manifest is not None
         if manifest is None:
-            manifest = _train(plan, model, examples, progress)
-        shutil.rmtree(plan.checkpoints, ignore_errors=True)
-        model.load(plan.folder)
-    return TrainedWeights(manifest["hash"], manifest["report"], reused)
+            manifest = _train(plan, model, reporter, progress)
+        shutil.rmtree(entry.checkpoints, ignore_errors=True)
+        model.load(entry.folder)
+    weights = weights_hash(manifest["files"])
+    return model, TrainedWeights(weights, manifest["report"], reused, entry.folder)
 
 
-def intact_manifest(plan: WeightsPlan) -> dict[str, Any] | None:
-    """Return the manifest; None where it or a file has changed since it was written."""
-    try:
-        manifest: dict[str, Any] = read_checked_json(plan.folder / MANIFEST)
-        files = manifest["files"]
-        intact = (
-            canonical(manifest["identity"]) == canonical(plan.identity)
-            and manifest["hash"] == weights_hash(files)
-            and "report" in manifest
-            and all(file_hash(plan.folder / name) == value for name, value in files.items())
-        )
-    except (UserError, OSError, KeyError, TypeError, AttributeError, ValueError):
-        return None
-    return manifest if intact else None
-
-
-def _train(
-    plan: WeightsPlan,
-    model: Model,
-    examples: Callable[[str], Examples],
-    progress: Progress,
-) -> dict[str, Any]:
-    frames, truth = examples("fit")
-    plan.checkpoints.mkdir(parents=True, exist_ok=True)
-    seed = np.random.SeedSequence(plan.identity["seed"], spawn_key=(TRAINING_STREAM,))
+def _train(plan: RunPlan, model: Model, reporter: Reporter, progress: Progress) -> dict[str, Any]:
+    """Train a model, store its weights, and return their manifest."""
+    entry = plan.weights
+    frames, truth = _examples(plan, plan.frames.fit, reporter)
+    entry.checkpoints.mkdir(parents=True, exist_ok=True)
+    seed = np.random.SeedSequence(plan.request.seed, spawn_key=(TRAINING_STREAM,))
     report: object = model.fit(
         frames,
         truth,
-        validation=examples("validation"),
+        validation=_examples(plan, plan.frames.validation, reporter),
         rng=np.random.default_rng(seed),
         progress=progress,
     )
-    temporary = plan.folder.with_name(plan.folder.name + ".made")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    model.save(temporary)
-    files = {
-        path.relative_to(temporary).as_posix(): file_hash(path)
-        for path in sorted(temporary.rglob("*"))
-        if path.is_file()
-    }
-    manifest = {
-        "identity": plan.identity,
-        "files": files,
-        "hash": weights_hash(files),
-        "report": _report_as_json(report, plan.identity["model"]),
-        "presses": len(frames),
-    }
-    write_checked_json(temporary / MANIFEST, manifest)
-    if plan.folder.exists():  # damaged
-        shutil.rmtree(plan.folder)
-    temporary.rename(plan.folder)
-    return manifest
+
+    def fill(folder: Path) -> dict[str, Any]:
+        model.save(folder)
+        name = plan.components.model.name
+        return {"report": _report_as_json(report, name), "presses": len(frames)}
+
+    return entry.write(fill)
+
+
+def _examples(
+    plan: RunPlan, sets: Sequence[FrameSet], reporter: Reporter
+) -> tuple[Sequence[Frame], Sequence[Answer]]:
+    opened = [open_frames(frames, reporter) for frames in sets]
+    frames = [frame for presses in opened for frame in presses.frames]
+    return frames, true_answers(plan.spec, opened)
 
 
 def weights_hash(files: Mapping[str, str]) -> str:
@@ -273,3 +227,47 @@ def _report_as_json(report: object, model: str) -> dict[str, Any]:
         ) from None
     plain: dict[str, Any] = json.loads(text)
     return plain
+
+
+def cached_weights(cache: Path) -> list[dict[str, Any]]:
+    """Return a row for all readable weights, ordered by model, regime, presses and seed.
+
+    A row holds model, parameters, encoder ("none" where the model uses none), regime, presses,
+    seed, device, epochs, training_s, bytes, hash and the folder's name.
+    """
+    rows = []
+    for folder in (cache / "weights").glob("[!.]*/"):
+        try:
+            manifest = read_checked_json(folder / MANIFEST)
+            identity, report = manifest["identity"], manifest["report"]
+            names = ("model", "parameters", "regime", "seed", "device")
+            row = {name: identity[name] for name in names} | {
+                "encoder": (identity["encoder"] or {"name": "none"})["name"],
+                "presses": manifest["presses"],
+                "epochs": report["epochs"],
+                "training_s": report["seconds"],
+                "bytes": sum((folder / name).stat().st_size for name in manifest["files"]),
+                "hash": weights_hash(manifest["files"]),
+                "folder": folder.name,
+            }
+        except (UserError, OSError, KeyError, TypeError):
+            continue  # damaged: a run would train anew
+        rows.append(row)
+    order = ("model", "regime", "presses", "seed", "folder")
+    return sorted(rows, key=lambda row: [row[name] for name in order])
+
+
+def weights_folder(cache: Path, content_hash: str) -> Path | None:
+    """Return the folder of the weights with a hash; None where no intact weights have it.
+
+    Args:
+        cache: Folder of the cache.
+        content_hash: Hash of the weights. It is compared with every file.
+    """
+    for row in cached_weights(cache):
+        if row["hash"] == content_hash:
+            folder: Path = cache / "weights" / row["folder"]
+            identity = read_checked_json(folder / MANIFEST)["identity"]
+            if CacheEntry(folder, identity).read() is not None:
+                return folder
+    return None

@@ -1,160 +1,118 @@
-"""Trained weights as one file, to pass them on, to serve them and to import them into a cache.
+"""Trained weights as one file to pass on and to serve, and a network as an ONNX file.
 
-The file is a zip without compression: ``weights.json`` (a description), ``README.md`` (a model card
-for people) and the files that the model saved, each with its sha256. Equal weights give equal
-bytes. Sizes are limited and hashes compared before a model reads a file.
+A weights file is a zip without compression: ``weights.json`` (a description) and the files that the
+model saved, each with its sha256. Equal weights give equal bytes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import re
-import shutil
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import ValidationError
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from tactibench import __version__
-from tactibench.contacts import Grid
+from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose
 from tactibench.errors import UserError
 from tactibench.plugins import Model, ModelContext, PluginHost
 from tactibench.protocols import first_mistake
-from tactibench.records import (
-    BoundSpec,
-    atomic,
-    file_hash,
-    installed_versions,
-    locked,
-    parse_json,
-    write_checked_json,
-)
+from tactibench.records import BoundSpec, atomic, parse_json
 from tactibench.run.machine import choose_device
 from tactibench.run.plan import RunPlan, no_weights
-from tactibench.run.weights import (
-    MANIFEST,
-    TRAINED_WITH,
-    WeightsPlan,
-    intact_manifest,
-    training_code,
-    weights_hash,
-)
-from tactibench.run.weights_description import (
-    MOST_FILES,
-    ComponentValues,
-    TrainedIdentity,
-    WeightsDescription,
-    weights_card,
-)
+from tactibench.run.weights import weights_hash
 
 SUFFIX = ".zip"
-DESCRIPTION, CARD, FOLDER = "weights.json", "README.md", "weights/"
+DESCRIPTION, FOLDER = "weights.json", "weights/"
 FIRST_DAY = (1980, 1, 1, 0, 0, 0)
 """Time stamp of every entry: equal weights give equal bytes."""
-MOST_BYTES = 2 * 1024**3
-"""Largest size of all files together; the largest model that ships has 40 MB."""
-MOST_DESCRIPTION_BYTES = 1024**2
-"""Largest size of ``weights.json`` and of the model card."""
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}){0,3}")
-"""Name of a file inside: a relative path that never leads upwards."""
-_TOO_LARGE = f"the files have more than {MOST_BYTES / 1024**3:g} GiB"
+MOST_MM = 1e-3
+"""Largest difference of an ONNX file's answers, mm: a thirtieth of the best network's error. Sums
+of float32 in another order move answers by about a millionth of a millimetre."""
+MOST_SHARE = 1e-3
+"""Largest difference of raw outputs, as a share of the largest output. It is checked because a
+frame without a contact proves nothing about answers."""
+
+_PART = r"[A-Za-z0-9_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)*"
+FileName = Annotated[str, StringConstraints(pattern=rf"^{_PART}(/{_PART})*$", max_length=200)]
+"""A relative path that never leads upwards."""
+Cells = Annotated[int, Field(ge=1, le=1024)]
+Positive = Annotated[float, Field(gt=0)]
 
 
-@dataclass(frozen=True)
-class WeightsFile:
-    """A weights file that was read and compared with its hashes.
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class ComponentValues(_Strict):
+    """A model or an encoder with the values of all its parameters."""
+
+    name: str
+    parameters: dict[str, bool | int | float | str]
+
+    def bound(self, catalogue: Any) -> BoundSpec[Any]:
+        """Return the spec with these values. Raises UserError where it is not installed."""
+        given = {name: str(value) for name, value in self.parameters.items()}
+        spec: BoundSpec[Any] = BoundSpec.named(catalogue, self.name, given)
+        return spec
+
+
+class BuildContext(_Strict):
+    """The context in which a model is made (`ModelContext`)."""
+
+    answer: Literal["contacts", "plate"]
+    cells: tuple[Cells, Cells]
+    origin_mm: tuple[float, float]
+    pitch_mm: Positive
+    max_depth_mm: Positive
+    transfers: bool
+
+
+class WeightsDescription(_Strict):
+    """The content of ``weights.json``.
 
     Attributes:
-        path: Path of the file.
-        sha256: sha256 of the whole file.
-        description: Description of the weights.
-        card: The model card, Markdown.
+        made_with: Version of tactibench.
+        model: The model, with its parameters.
+        encoder: The encoder, with its parameters; None where the model uses none.
+        context: The context in which the model is built.
+        files: sha256 of every file that the model saved, by name.
+        identity: Everything that determined the weights, as in the cache.
+        report: Report of the training.
+        presses: Number of presses that the model learned from.
+        trained_on: Sensor and regime in words.
+        license: License, as the exporter states it.
     """
 
-    path: Path
-    sha256: str
-    description: WeightsDescription
-    card: str
+    schema_: Literal["tactibench-weights/2"] = Field(alias="schema")
+    made_with: str
+    model: ComponentValues
+    encoder: ComponentValues | None
+    context: BuildContext
+    files: dict[FileName, str]
+    identity: dict[str, Any]
+    report: dict[str, Any]
+    presses: int
+    trained_on: str
+    license: str
 
     @property
-    def label(self) -> str:
-        """Return the model's name and the first digits of the weights' hash."""
-        return f"{self.description.model.name} ({self.description.hash[:8]})"
-
-    def differences(self, host: PluginHost) -> list[str]:
-        """Return in words what differs from the training: with differences, runs would train anew.
-
-        Args:
-            host: The plugins.
-
-        Raises:
-            UserError: The model or encoder is not installed, or does not have its parameters.
-        """
-        trained, model = (
-            TrainedIdentity.model_validate(self.description.identity),
-            self._model(host),
-        )
-        installed = installed_versions(*TRAINED_WITH)
-        words = [
-            f"{name} {installed.get(name)} in place of {trained.versions.get(name)}"
-            for name in TRAINED_WITH
-            if installed.get(name) != trained.versions.get(name)
-        ]
-        if trained.code != training_code(model):
-            words.append(f"other source of {model.name} or of the training")
-        encoder = self._encoder(host)
-        if encoder and trained.encoder and trained.encoder.code != encoder.code():
-            words.append(f"other source of encoder {encoder.name}")
-        return words
-
-    def build(self, host: PluginHost, device: str) -> Model:
-        """Build the model, without its weights, and return it.
-
-        Args:
-            host: The plugins.
-            device: "cpu" or "cuda".
-
-        Raises:
-            UserError: The model or encoder is not installed, or does not have its parameters.
-        """
-        description, encoder = self.description, self._encoder(host)
-        context = description.context
-        model: Model = self._model(host).build(
-            ModelContext(
-                answer=context.answer,
-                grid=Grid(context.cells, context.origin_mm, context.pitch_mm),
-                max_depth=context.max_depth_mm,
-                encoder=encoder and encoder.build(),
-                device=device,
-                transfers=context.transfers,
-            )
-        )
-        return model
-
-    def write_files(self, folder: Path) -> None:
-        """Write the model's files into an empty folder."""
-        with _opened(self.path) as archive:
-            for name in self.description.files:
-                target = folder / name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(FOLDER + name) as source, target.open("wb") as out:
-                    shutil.copyfileobj(source, out)
-
-    def _model(self, host: PluginHost) -> Any:
-        return _bound(host.models, self.description.model)
-
-    def _encoder(self, host: PluginHost) -> Any:
-        given = self.description.encoder
-        return given and _bound(host.encoders, given)
+    def hash(self) -> str:
+        """Return the hash of the weights, as records hold it."""
+        return weights_hash(self.files)
 
 
-def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated") -> WeightsFile:
-    """Write the cached weights of a plan as one file, and return the file as it is read back.
+def export_weights(
+    plan: RunPlan, path: Path, *, license_text: str = "not stated"
+) -> WeightsDescription:
+    """Write the cached weights of a plan as one file, and return its description.
 
     Args:
         plan: The plan of a run with these weights.
@@ -162,22 +120,19 @@ def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated
         license_text: License of the weights.
 
     Raises:
-        UserError: The weights are not in the cache, are damaged, or are too many or too large for a
-            file that can be read back.
+        UserError: The weights are not in the cache or are damaged, or a file has a name that a
+            weights file cannot hold.
     """
-    manifest = intact_manifest(plan.weights)
-    label = plan.components.model.label
+    manifest = plan.weights.read()
     if manifest is None:
         raise no_weights(plan)
-    if why := _unusable_names(manifest["files"]):
-        raise _not_one_file(label, why)
-    context, encoder = plan.context(), plan.components.encoder
-    sensor = plan.components.sensor.label
-    description = {
-        "schema": "tactibench-weights/1",
+    context, components = plan.context(), plan.components
+    values = {
+        "schema": "tactibench-weights/2",
         "made_with": __version__,
-        "model": _values(plan.components.model),
-        "encoder": None if encoder is None else _values(encoder),
+        "model": {"name": components.model.name, "parameters": dict(components.model.values)},
+        "encoder": components.encoder
+        and {"name": components.encoder.name, "parameters": dict(components.encoder.values)},
         "context": {
             "answer": context.answer,
             "cells": context.grid.shape,
@@ -186,214 +141,214 @@ def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated
             "max_depth_mm": context.max_depth,
             "transfers": context.transfers,
         },
-        "identity": plan.weights.identity,
         "files": manifest["files"],
-        "hash": manifest["hash"],
+        "identity": plan.weights.identity,
         "report": manifest["report"],
-        "presses": manifest.get("presses"),
-        "trained_on": f"{sensor}, regime {plan.components.regime} of {plan.spec.id}",
+        "presses": manifest["presses"],
+        "trained_on": f"{components.sensor.label}, regime {components.regime} of {plan.spec.id}",
         "license": license_text,
     }
-    checked = WeightsDescription.model_validate_json(_json(description))
-    texts = {DESCRIPTION: _json(description), CARD: weights_card(checked, label)}
-    paths = {FOLDER + name: plan.weights.folder / name for name in sorted(checked.files)}
-    lengths = [len(text.encode()) for text in texts.values()]
-    if max(lengths) > MOST_DESCRIPTION_BYTES:
-        raise _not_one_file(label, "the notes of the training are too long")
-    if sum([*lengths, *(file.stat().st_size for file in paths.values())]) > MOST_BYTES:
-        raise _not_one_file(label, _TOO_LARGE)
+    with _refused(f"the weights of {components.model.label}"):
+        description = WeightsDescription.model_validate(values)
+    text = json.dumps(values, indent=1, sort_keys=True, allow_nan=False)
     with atomic(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-        for name, text in texts.items():
-            archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), text)
-        for name, file in paths.items():
-            archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), file.read_bytes())
-    return read_weights(path)
+        archive.writestr(zipfile.ZipInfo(DESCRIPTION, FIRST_DAY), text)
+        for name in sorted(description.files):
+            content = (plan.weights.folder / name).read_bytes()
+            archive.writestr(zipfile.ZipInfo(FOLDER + name, FIRST_DAY), content)
+    return description
 
 
-def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
-    """Read a weights file and compare every hash.
-
-    Args:
-        path: The file.
-        sha256: sha256 of the whole file, as its sender stated it; None to compare none.
+def read_description(path: Path) -> WeightsDescription:
+    """Return the description in a weights file.
 
     Raises:
-        UserError: The file does not exist, is no weights file, is damaged, or has another sha256.
+        UserError: The file does not exist, is no weights file or is damaged.
     """
     if not path.is_file():
         raise UserError(f"{path} is not there; name a file of `tactibench weights export`.")
-    actual = file_hash(path)
-    if sha256 is not None and sha256.lower() != actual:
-        raise UserError(
-            f"{path} has the sha256 {actual}, not {sha256[:80]}; it is another file or was changed "
-            "on its way: get it again."
-        )
-    with _opened(path) as archive:
-        entries = {entry.filename: entry for entry in archive.infolist()}
-        _check_sizes(path, archive.infolist())
-        try:
-            description = WeightsDescription.model_validate(
-                parse_json(_text(archive, entries, DESCRIPTION))
-            )
-        except ValidationError as error:
-            raise _damaged(path, first_mistake(error, WeightsDescription).rstrip(".")) from None
-        except (KeyError, ValueError, RecursionError) as error:
-            raise _damaged(path, f"{DESCRIPTION} cannot be read ({error})") from None
-        files = description.files
-        if why := _unusable_names(files):
-            raise _damaged(path, why)
-        expected = {DESCRIPTION, CARD, *(FOLDER + name for name in files)}
-        if set(entries) != expected:
-            raise _damaged(path, "it holds other files than it lists")
-        if description.hash != weights_hash(files):
-            raise _damaged(path, "the hash of its weights is not that of its files")
-        for name, value in files.items():
-            try:
-                same = _entry_hash(archive, FOLDER + name) == value
-            except (zipfile.BadZipFile, OSError, ValueError, EOFError):
-                same = False
-            if not same:
-                raise _damaged(path, f"the sha256 of {name} does not fit")
-        try:
-            card = _text(archive, entries, CARD)
-        except ValueError as error:
-            raise _damaged(path, f"{CARD} cannot be read ({error})") from None
-    return WeightsFile(path, actual, description, card)
+    with _refused(str(path)), zipfile.ZipFile(path) as archive:
+        return WeightsDescription.model_validate(parse_json(archive.read(DESCRIPTION).decode()))
 
 
-def open_weights(
-    path: Path, *, sha256: str | None = None, device: str = "auto"
-) -> tuple[Model, str]:
+def open_weights(path: Path, *, device: str = "auto") -> tuple[Model, str]:
     """Return the model of a weights file, ready to answer frames, and its label.
 
     Args:
-        path: A file of ``tactibench weights export``.
-        sha256: sha256 of the whole file; None to compare none.
+        path: A file of ``tactibench weights export``. The hash of every file in it is compared
+            before the model reads one.
         device: "auto", "cpu" or "cuda".
 
     Raises:
-        UserError: The file is damaged, has another sha256, or this installation has no such model.
+        UserError: The file is damaged, or this installation has no such model.
     """
-    file = read_weights(path, sha256=sha256)
-    model = file.build(PluginHost(), choose_device(device))
-    with TemporaryDirectory(prefix="tactibench-weights-") as folder:
-        file.write_files(Path(folder))
-        model.load(Path(folder))
-    return model, file.label
+    description, host = read_description(path), PluginHost()
+    context, encoder = description.context, description.encoder
+    model: Model = description.model.bound(host.models).build(
+        ModelContext(
+            answer=context.answer,
+            grid=Grid(context.cells, context.origin_mm, context.pitch_mm),
+            max_depth=context.max_depth_mm,
+            encoder=None if encoder is None else encoder.bound(host.encoders).build(),
+            device=choose_device(device),
+            transfers=context.transfers,
+        )
+    )
+    with TemporaryDirectory(prefix="tactibench-weights-") as place:
+        folder = Path(place)
+        with _refused(str(path)), zipfile.ZipFile(path) as archive:
+            for name, sha256 in description.files.items():
+                entry = archive.getinfo(FOLDER + name)
+                if entry.compress_type != zipfile.ZIP_STORED:  # a small file may fill the disk
+                    raise ValueError("its files are compressed, which export never does")
+                content = archive.read(entry)
+                if hashlib.sha256(content).hexdigest() != sha256:
+                    raise ValueError(f"the sha256 of {name} does not fit")
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_bytes(content)
+        model.load(folder)
+    return model, f"{description.model.name} ({description.hash[:8]})"
 
 
-def import_weights(file: WeightsFile, cache: Path) -> tuple[Path, bool]:
-    """Put weights into the cache, where runs find them; records of these runs state the import.
+@contextmanager
+def _refused(what: str) -> Iterator[None]:
+    """Turn whatever is wrong with a weights file into a sentence about it."""
+    try:
+        yield
+    except ValidationError as error:
+        why = first_mistake(error, WeightsDescription).rstrip(".")
+    except (zipfile.BadZipFile, OSError, EOFError, KeyError, ValueError, RuntimeError) as error:
+        why = str(error)  # NotImplementedError and RecursionError are RuntimeErrors
+    else:
+        return
+    raise UserError(f"{what} holds no usable weights: {why}; get it again or export it again.")
+
+
+class OnnxCheck(NamedTuple):
+    """The differences between an ONNX file and its model.
+
+    Attributes:
+        frames: Number of frames that both answered.
+        largest_share: Largest difference of raw outputs, as a share of the largest output.
+        largest_mm: Largest difference of x, y and depth of a contact, mm; for a plate of depth, mm,
+            and tilt, deg.
+        inputs: Shape of the inputs; the first entry is the number of frames, None for any number.
+        outputs: Shape of the outputs of one frame.
+    """
+
+    frames: int
+    largest_share: float
+    largest_mm: float
+    inputs: tuple[int | None, ...]
+    outputs: tuple[int, ...]
+
+
+def export_onnx(
+    model: Model, frames: Sequence[Frame], path: Path, facts: dict[str, str]
+) -> OnnxCheck:
+    """Write the network of a model as an ONNX file, if its answers are those of the model.
+
+    The steps before and after the network are not in the file: ``model.inputs(frames)`` makes the
+    inputs of the network, and ``model.answers(outputs)`` reads its outputs.
 
     Args:
-        file: The weights file.
-        cache: Folder of the cache.
-
-    Returns:
-        The folder of the weights, and whether they were in the cache before.
+        model: A trained model.
+        frames: Frames that both answer.
+        path: The file that is written.
+        facts: Texts that the file holds about itself.
 
     Raises:
-        UserError: This installation would train other weights for the same request, so that no run
-            would use these; or it has no such model.
+        UserError: The model is no network, ONNX is not installed, the network cannot be exported,
+            or the answers differ.
     """
-    host = PluginHost()
-    if different := file.differences(host):
+    from tactibench.training import LearnedModel, onnx_model
+
+    name = type(model).__name__
+    if not isinstance(model, LearnedModel):
         raise UserError(
-            f"{file.path} does not match this installation ({', '.join(different)}), so no run "
-            "would take its weights; serve the file itself, as `tactibench demo` and "
-            "tactibench.lab.open_weights do, or install what it was made with."
+            f"{name} is no network and has no ONNX form; take a network such as unet or cnn, "
+            "or hand on its weights with --out."
         )
-    description = file.description
-    plan = WeightsPlan.of(description.identity, cache)
-    with locked(plan.folder.with_name(plan.folder.name + ".lock")):
-        if intact_manifest(plan) is not None:
-            return plan.folder, True
-        temporary = plan.folder.with_name(plan.folder.name + ".made")
-        shutil.rmtree(temporary, ignore_errors=True)
-        temporary.mkdir(parents=True)
-        file.write_files(temporary)
-        file.build(host, "cpu").load(temporary)  # refuses weights of another architecture
-        notes = {**description.report["notes"], "imported": file.sha256}
-        manifest = {
-            "identity": description.identity,
-            "files": description.files,
-            "hash": description.hash,
-            "report": {**description.report, "notes": notes},
-            "presses": description.presses,
-        }
-        write_checked_json(temporary / MANIFEST, manifest)
-        shutil.rmtree(plan.folder, ignore_errors=True)  # damaged
-        temporary.rename(plan.folder)
-    return plan.folder, False
+    if not (find_spec("onnx") and find_spec("onnxruntime")):
+        raise UserError(
+            "ONNX is not installed; run `pip install 'tactibench[onnx]'` and try again."
+        )
+    import torch
+
+    inputs, network = model.inputs(frames), model.fold(model.network, "float32").cpu()
+    free, single = len(inputs), 1
+    for count in (free, single):  # some graphs hold the number of frames that they were traced with
+        try:
+            content = _with_facts(onnx_model(network, inputs[: min(2, count)]), facts, count == 1)
+            raw = _computed(content, inputs.numpy(), count)
+            break
+        except Exception as error:  # noqa: BLE001 - exporters raise whatever they like
+            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            why = error
+    else:
+        raise UserError(f"the network of {name} cannot be exported: {first[:200]}.") from why
+    with torch.inference_mode():
+        wanted = network(inputs).numpy()
+    share = float(np.abs(raw - wanted).max() / max(1.0, float(np.abs(wanted).max())))
+    answers = model.answers(model.outputs(torch.from_numpy(raw)))
+    largest = largest_difference(model.predict(frames), answers)
+    if not (largest <= MOST_MM and share <= MOST_SHARE):
+        raise UserError(
+            f"the ONNX file of {name} answers otherwise than the model (by {largest:.3g} mm, "
+            f"its outputs by {share:.2g}) and was not written; report this with the model's name."
+        )
+    with atomic(path) as stream:
+        stream.write(content)
+    shape = (None if count > 1 else 1, *inputs.shape[1:])
+    return OnnxCheck(len(frames), share, largest, shape, raw.shape[1:])
 
 
-def _values(component: BoundSpec[Any]) -> dict[str, Any]:
-    return {"name": component.name, "parameters": dict(component.values)}
+def largest_difference(answers: Sequence[Answer | None], others: Sequence[Answer | None]) -> float:
+    """Return the largest difference of two models' answers to the same frames.
 
-
-def _bound(catalogue: Any, component: ComponentValues) -> Any:
-    given = {name: str(value) for name, value in component.parameters.items()}
-    return BoundSpec.named(catalogue, component.name, given)
-
-
-def _json(value: Mapping[str, Any]) -> str:
-    return json.dumps(value, indent=1, sort_keys=True, allow_nan=False)
-
-
-def _opened(path: Path) -> zipfile.ZipFile:
-    try:
-        return zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        raise _damaged(path, f"it is no zip ({error})") from None
-
-
-def _check_sizes(path: Path, entries: list[zipfile.ZipInfo]) -> None:
-    if len(entries) > MOST_FILES + 2 or len({e.filename for e in entries}) < len(entries):
-        raise _damaged(path, "it holds too many files, or two of one name")
-    if any(e.compress_type != zipfile.ZIP_STORED or e.flag_bits & 1 for e in entries):
-        raise _damaged(path, "its files are compressed or encrypted, which export never does")
-    if sum(e.file_size for e in entries) > MOST_BYTES:
-        raise _damaged(path, _TOO_LARGE)
-
-
-def _unusable_names(files: Mapping[str, str]) -> str:
-    """Return why files of these names cannot be in a weights file; "" where they can."""
-    if not 1 <= len(files) <= MOST_FILES:
-        return f"there are {len(files)} files, and 1 to {MOST_FILES} are allowed"
-    bad = [name for name in files if not _NAME.fullmatch(name) or ".." in name]
-    if not bad:
-        return ""
-    return f"the file name {bad[0][:80]!r} has more than letters, digits, '_', '-' and single dots"
-
-
-def _text(archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo], name: str) -> str:
-    """Return the text of an entry.
-
-    Raises:
-        ValueError: The entry is missing, too long or no text.
+    It is in mm, or in deg for the tilt of plates, and inf where the kinds of answers or the numbers
+    of contacts differ.
     """
-    if name not in entries or entries[name].file_size > MOST_DESCRIPTION_BYTES:
-        raise ValueError("it is missing or too long")
-    try:
-        return archive.read(name).decode()
-    except (zipfile.BadZipFile, OSError, EOFError) as error:
-        raise ValueError(str(error)) from None
+    return max((_difference(*pair) for pair in zip(answers, others, strict=True)), default=0.0)
 
 
-def _entry_hash(archive: zipfile.ZipFile, name: str) -> str:
-    total = hashlib.sha256()
-    with archive.open(name) as stream:
-        while part := stream.read(1024**2):
-            total.update(part)
-    return total.hexdigest()
+def _difference(one: Answer | None, other: Answer | None) -> float:
+    if isinstance(one, Contacts) and isinstance(other, Contacts) and len(one) == len(other):
+        gaps = np.abs(np.column_stack([one.xy - other.xy, one.depth - other.depth]))
+        return float(gaps.max(initial=0.0))
+    if isinstance(one, PlatePose) and isinstance(other, PlatePose):
+        return max(abs(one.depth - other.depth), abs(one.tilt - other.tilt))
+    return 0.0 if one is other is None else float("inf")
 
 
-def _not_one_file(label: str, why: str) -> UserError:
-    return UserError(
-        f"the weights of {label} cannot be exported: {why}; change what the model saves and train "
-        "it again."
-    )
+def _with_facts(content: bytes, facts: dict[str, str], single: bool) -> bytes:
+    """Return the bytes of an ONNX model with texts about itself.
+
+    Args:
+        content: Bytes of the model.
+        facts: Name -> text.
+        single: Whether the model takes one frame at a time, which its inputs and outputs then
+            state.
+    """
+    import onnx
+
+    graph: Any = onnx.load_from_string(content)
+    for name, value in facts.items():
+        graph.metadata_props.add(key=name, value=value)
+    if single:
+        for end in (*graph.graph.input, *graph.graph.output):
+            end.type.tensor_type.shape.dim[0].dim_value = 1
+    serialized: bytes = graph.SerializeToString()
+    return serialized
 
 
-def _damaged(path: Path, why: str) -> UserError:
-    return UserError(f"{path} holds no usable weights: {why}; get it again or export it again.")
+def _computed(content: bytes, inputs: Any, count: int) -> Any:
+    """Return the outputs of an ONNX model for (N, ...) inputs, computed ``count`` at a time."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4  # failures are also raised
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    starts = range(0, len(inputs), count)
+    rows = [session.run(None, {"inputs": inputs[k : k + count]})[0] for k in starts]
+    return np.concatenate(rows)

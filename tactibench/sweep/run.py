@@ -248,11 +248,11 @@ def run_cell(request: RunRequest, storage: Storage) -> Outcome:
     """
 
     def run(plan: RunPlan) -> str:
-        from tactibench.run.execute import execute
+        from tactibench.run import execute
 
         if find_run(plan, storage, {}) is None:
             check_metrics(plan.protocol)
-            execute(plan, storage.store, NullReporter())
+            execute(plan, NullReporter())
         return plan.name
 
     return _attempt(run, request, storage)
@@ -263,7 +263,7 @@ def _attempt(work: Callable[[RunPlan], str], request: RunRequest, storage: Stora
     forbid_exit()  # a model that calls os._exit ends its own cell
     name, why = "", ""
     try:
-        name = work(make_plan(request, PluginHost(), storage.cache))
+        name = work(make_plan(request, PluginHost(), storage.cache, store=storage.store))
     except (UserError, OSError) as error:
         why = printable(" ".join(str(error).split()))
     except BaseException as error:

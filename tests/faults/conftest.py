@@ -10,26 +10,35 @@ import pytest
 from tiny_lab import Lab, tiny_host
 
 from tactibench.records import Record, StoredRun
-from tactibench.run import NullReporter, RunPlan, RunRequest, Speed, evaluation, make_plan
-from tactibench.run.execute import execute
+from tactibench.run import (
+    NullReporter,
+    RunPlan,
+    RunRequest,
+    Speed,
+    evaluation,
+    execute,
+    make_plan,
+)
 
 
 @pytest.fixture
-def plan(tmp_path: Path) -> Callable[[], RunPlan]:
+def plan(tmp_path: Path) -> Callable[..., RunPlan]:
     """A new plan of the same run, on the cache of this test."""
-    protocol = Lab(tmp_path / "lab", "few-").protocols / "few-exp1.toml"
-    return lambda: make_plan(RunRequest(str(protocol), "tiny"), tiny_host(), tmp_path / "cache")
+    request = RunRequest(str(Lab(tmp_path / "lab", "few-").protocols / "few-exp1.toml"), "tiny")
+
+    def planned(store: str = "runs") -> RunPlan:
+        return make_plan(request, tiny_host(), tmp_path / "cache", store=tmp_path / store)
+
+    return planned
 
 
 @pytest.fixture
-def run(
-    plan: Callable[[], RunPlan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., StoredRun]:
+def run(plan: Callable[..., RunPlan], monkeypatch: pytest.MonkeyPatch) -> Callable[..., StoredRun]:
     """Carry the run out, untimed, into a store of that name; ``fresh`` as on the command line."""
     monkeypatch.setattr(evaluation, "time_model", lambda *_, **__: Speed())
 
     def executed(store: str = "runs", *, fresh: bool = False) -> StoredRun:
-        return execute(plan(), tmp_path / store, NullReporter(), fresh=fresh)
+        return execute(plan(store), NullReporter(), fresh=fresh)
 
     return executed
 
@@ -42,9 +51,8 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Record]:
     request = RunRequest(str(protocol), "tiny")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluation, "time_model", lambda *_, **__: Speed())
-        made = execute(
-            make_plan(request, tiny_host(), folder / "cache"), folder / "runs", NullReporter()
-        )
+        plan = make_plan(request, tiny_host(), folder / "cache", store=folder / "runs")
+        made = execute(plan, NullReporter())
     return folder, made.record
 
 

@@ -18,7 +18,6 @@ from same_run import in_common
 
 from tactibench.cli.main import call
 from tactibench.records import (
-    BEFORE,
     PARTS,
     Record,
     StoredRun,
@@ -93,13 +92,17 @@ def test_a_store_without_permission_is_read(copied: Path) -> None:
         store.chmod(0o755)
 
 
-def test_a_run_whose_replacement_was_stopped_is_put_back(copied: Path) -> None:
+def test_a_run_whose_replacement_was_stopped_is_completed(
+    copied: Path, run: Callable[..., StoredRun]
+) -> None:
+    """Between the two renames: the old run has lost its name, the new one is whole."""
     store = copied / "runs"
     (name,) = run_names(store)
     record = open_run(store, name).record
-    (store / name).rename(store / f".{name}{BEFORE}")
-    assert open_run(store, name).record == record
-    assert not (store / f".{name}{BEFORE}").exists()
+    (store / name).rename(store / f".{name}.answers")
+    assert run_names(store) == []
+    assert run().record.metrics == record.metrics
+    assert run_names(store) == [name]
 
 
 def test_two_at_once_make_one_run(

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
-from tactibench.frames import FrameRecipe, count_missing, folder_of, is_cached, open_frames
+from tactibench.frames import FrameRecipe, open_frames
 from tactibench.frames import cache as generated
+from tactibench.records import file_hash
 
 RequestOf = Callable[..., FrameRecipe]
 
@@ -35,10 +36,10 @@ def test_frames_come_once_and_again_from_the_disk(
 ) -> None:
     request = request_of()
     told: list[int] = []
-    assert not is_cached(folder_of(tmp_path, request.key))
+    assert not request.entry(tmp_path).cached
     first = open_frames(request, tmp_path, told.append)
     assert sum(told) == counter.presses == 25
-    assert is_cached(folder_of(tmp_path, request.key))
+    assert request.entry(tmp_path).cached
     again = open_frames(request_of(), tmp_path)
     assert counter.presses == 25
     assert first.hash == again.hash
@@ -47,7 +48,7 @@ def test_frames_come_once_and_again_from_the_disk(
         np.testing.assert_array_equal(one.image, two.image)
         assert one.rest is not None
         assert one.rest.shape == one.image.shape
-    folder = folder_of(tmp_path, request.key).name
+    folder = request.entry(tmp_path).folder.name
     parts = ("frames.npy", "manifest.json", "poses.npy", "rest.npy")
     assert files(tmp_path) == [f"{folder}/{part}" for part in parts]
 
@@ -76,7 +77,7 @@ def test_an_interrupted_generation_goes_on_and_ends_the_same(
     counter.presses, counter.fail_at, counter.error = 0, fail_at, error
     with pytest.raises(error):
         open_frames(request_of(), tmp_path / "b")
-    assert not is_cached(folder_of(tmp_path / "b", request_of().key))
+    assert not request_of().entry(tmp_path / "b").cached
     counter.fail_at, counter.presses = None, 0
     resumed = open_frames(request_of(), tmp_path / "b")
     assert counter.presses == 25 - fail_at // 7 * 7  # finished chunks are not made again
@@ -109,14 +110,14 @@ def test_a_damaged_data_set_is_made_again(
     request_of: RequestOf, counter: Any, tmp_path: Path, part: str, damage: str
 ) -> None:
     first = open_frames(request_of(), tmp_path)
-    DAMAGES[damage](folder_of(tmp_path, first_key := request_of().key) / part)
+    DAMAGES[damage](request_of().entry(tmp_path).folder / part)
     again = open_frames(request_of(), tmp_path)
     assert again.hash == first.hash
     # A flipped bit of the manifest may sit in what only a person reads.
     assert counter.presses == 50 or (part, damage) == ("manifest.json", "flipped")
-    folder = folder_of(tmp_path, first_key)
+    folder = request_of().entry(tmp_path).folder
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert generated.file_hash(folder / "frames.npy") == manifest["frames"]
+    assert file_hash(folder / "frames.npy") == manifest["files"]["frames.npy"]
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", "null", '{"key": 1}', '"text"'])
@@ -124,7 +125,7 @@ def test_a_manifest_of_something_else_is_not_believed(
     request_of: RequestOf, counter: Any, tmp_path: Path, content: str
 ) -> None:
     open_frames(request_of(), tmp_path)
-    (folder_of(tmp_path, request_of().key) / "manifest.json").write_text(content)
+    (request_of().entry(tmp_path).folder / "manifest.json").write_text(content)
     open_frames(request_of(), tmp_path)
     assert counter.presses == 50
 
@@ -146,15 +147,15 @@ def test_a_damaged_chunk_is_made_again(
 
 
 def test_what_a_kill_leaves_behind_does_not_matter(request_of: RequestOf, tmp_path: Path) -> None:
-    folder = folder_of(tmp_path, request_of().key)
-    for leftover in (folder.with_name(folder.name + ".made"), folder):
+    folder = request_of().entry(tmp_path).folder
+    for leftover in (folder.with_name(f".{folder.name}.made"), folder):
         leftover.mkdir(parents=True)
         (leftover / "frames.npy").write_bytes(b"half")
     done = open_frames(request_of(), tmp_path)
     assert len(done) == 25
     assert not list(tmp_path.rglob("*.made"))
     # killed after the rename, before the chunks were removed
-    folder.with_name(folder.name + ".parts").mkdir()
+    folder.with_name(f".{folder.name}.parts").mkdir()
     assert open_frames(request_of(), tmp_path).hash == done.hash
     assert not list(tmp_path.rglob("*.parts"))
 
@@ -248,7 +249,7 @@ def test_a_sensor_that_answers_wrongly_is_named(
 
     with pytest.raises(UserError, match="sensor 'noise' made"):
         open_frames(request_of(build=build), tmp_path)
-    assert not is_cached(folder_of(tmp_path, request.key))
+    assert not request.entry(tmp_path).cached
 
 
 def test_equal_frames_have_one_hash_whatever_code_made_them(
@@ -307,7 +308,7 @@ def test_frames_bring_the_rest_frame_of_their_own_instance(
             assert np.unique(frame.rest).tolist() == [(40, 60, 0)[k % 3]]
         shared = {id(frame.rest) for frame in presses.frames}
         assert len(shared) == 3  # one array an instance, not one a press
-    folder = folder_of(tmp_path, request.key)
+    folder = request.entry(tmp_path).folder
     assert np.load(folder / "rests.npy").shape == (3, *np.load(folder / "rest.npy").shape)
 
 
@@ -317,7 +318,7 @@ def test_a_changed_rest_frame_is_another_content_and_damage_is_made_again(
     one = request_of()
     request = replace(one, build=lambda context: TwoInstances(one.build(context)), seed=(7, 1, 0))
     made = open_frames(request, tmp_path)
-    folder = folder_of(tmp_path, request.key)
+    folder = request.entry(tmp_path).folder
     plain = open_frames(replace(one, seed=(7, 1, 0), identity={"name": "plain"}), tmp_path)
     assert all(
         np.array_equal(a.image, b.image) for a, b in zip(made.frames, plain.frames, strict=True)
@@ -341,32 +342,8 @@ def test_a_rest_frame_of_another_shape_is_refused(request_of: RequestOf, tmp_pat
         open_frames(request, tmp_path)
 
 
-@pytest.mark.parametrize("count", [7, 10, 14])
-def test_whole_chunks_are_taken_from_a_longer_set(
-    request_of: RequestOf, counter: Any, tmp_path: Path, count: int
-) -> None:
-    alone = open_frames(request_of(count), tmp_path / "a")
-    open_frames(request_of(25), tmp_path / "b")
-    short = replace(request_of(count), longer=request_of(25))
-    assert short.key == request_of(count).key
-    assert count_missing(request_of(count), tmp_path / "b") == count
-    assert count_missing(short, tmp_path / "a") == 0
-    assert count_missing(short, tmp_path / "b") == count % 7
-    counter.presses = 0
-    cut = open_frames(short, tmp_path / "b")
-    assert counter.presses == count % 7
-    assert cut.hash == alone.hash
-    one, other = (folder_of(tmp_path / name, short.key) for name in "ab")
-    for path in one.iterdir():
-        assert path.read_bytes() == (other / path.name).read_bytes(), path.name
-
-
-def test_a_damaged_longer_set_is_not_used(
-    request_of: RequestOf, counter: Any, tmp_path: Path
-) -> None:
-    open_frames(request_of(25), tmp_path)
-    path = folder_of(tmp_path, request_of(25).key) / "poses.npy"
-    path.write_bytes(path.read_bytes()[:-1])
-    counter.presses = 0
-    open_frames(replace(request_of(14), longer=request_of(25)), tmp_path)
-    assert counter.presses == 14
+def test_removed_frames_are_made_anew(request_of: RequestOf, counter: Any, tmp_path: Path) -> None:
+    first = open_frames(request_of(), tmp_path)
+    request_of().entry(tmp_path).remove()
+    assert open_frames(request_of(), tmp_path).hash == first.hash
+    assert counter.presses == 50

@@ -11,26 +11,9 @@ import numpy as np
 import pytest
 
 from tactibench.frames import FrameRecipe, open_frames
-from tactibench.frames.cache import _as_json
 from tactibench.geometry import true_contacts
-from tactibench.protocols import CHUNK
-from tactibench.records import digest
 
 RequestOf = Callable[..., FrameRecipe]
-
-
-def test_the_key_of_a_dome_of_the_protocol_says_nothing_of_it(request_of: RequestOf) -> None:
-    """Data that were made before sensors could say their shape keep their key."""
-    request = request_of()
-    before = {
-        "sensor": request.identity,
-        "scenes": digest([_as_json(scene) for scene in request.scenes]),
-        "seed": request.seed,
-        "chunk": 7,  # the tests'
-        "numpy": np.__version__,
-    }
-    assert CHUNK == 250
-    assert request.key == digest(before)
 
 
 def test_another_shape_is_another_key(request_of: RequestOf) -> None:

@@ -19,14 +19,16 @@ def test_a_good_record_is_read(values: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("schema", [0, 2, "1", None])
-def test_another_schema(values: dict[str, Any], schema: Any) -> None:
-    with pytest.raises(UserError, match=r"here has record schema .*reads schema 1"):
+def test_a_record_of_another_form_is_told_what_reads_it(
+    values: dict[str, Any], schema: Any
+) -> None:
+    with pytest.raises(UserError, match=r"key 'schema': .* is read by commit e6a49ac9"):
         parse_record({**values, "schema": schema}, "here")
 
 
 @pytest.mark.parametrize("value", [None, [], "text", 3])
 def test_no_record_at_all(value: Any) -> None:
-    with pytest.raises(UserError, match="record schema"):
+    with pytest.raises(UserError, match="here is no valid record"):
         parse_record(value, "here")
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from tactibench import UserError
 from tactibench.records import (
-    BEFORE,
     PARTS,
     Arrays,
     Record,
@@ -60,7 +59,7 @@ def test_a_half_written_run_is_invisible(
     assert all(path.suffix == ".lock" for path in tmp_path.iterdir())
     monkeypatch.undo()
     # what a kill leaves is not shown either, and does not stop the next
-    made = tmp_path / f".{record.name}.made"
+    made = tmp_path / f".{record.name}.answers"
     made.mkdir()
     (made / "truth.npz").write_bytes(b"half")
     (tmp_path / "empty").mkdir()
@@ -122,8 +121,6 @@ def test_only_a_run_that_can_be_read_is_one(record: Record, parts: Parts, tmp_pa
     found = readable_run(tmp_path, name)
     assert found is not None
     assert found.record == run.record
-    run.folder.rename(tmp_path / f".{name}{BEFORE}")  # a replacement was stopped
-    assert readable_run(tmp_path, name) is not None
     path = run.folder / "record.json"
     path.write_text(path.read_text(encoding="utf-8")[:-9], encoding="utf-8")
     assert readable_run(tmp_path, name) is None

@@ -14,8 +14,7 @@ from few_presses import few_presses
 from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
 from tactibench.plugins import Catalogue, Origin
 from tactibench.records import StoredRun
-from tactibench.run import NullReporter, RunPlan, RunRequest, make_plan
-from tactibench.run.execute import execute
+from tactibench.run import NullReporter, RunPlan, RunRequest, execute, make_plan
 
 ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
 
@@ -109,17 +108,20 @@ def mini(tmp_path: Path) -> Callable[[str], str]:
 @pytest.fixture
 def planned(host: Any, mini: Callable[[str], str], tmp_path: Path) -> Callable[..., RunPlan]:
     def plan(
-        protocol: str = "exp1", model: str = "tiny", cache: str = "cache", **more: Any
+        protocol: str = "exp1",
+        model: str = "tiny",
+        *,
+        cache: str = "cache",
+        store: str = "runs",
+        **more: Any,
     ) -> RunPlan:
         path = protocol if protocol.endswith(".toml") else mini(protocol)
-        return make_plan(RunRequest(path, model, **more), host, tmp_path / cache)
+        request = RunRequest(path, model, **more)
+        return make_plan(request, host, tmp_path / cache, store=tmp_path / store)
 
     return plan
 
 
 @pytest.fixture
-def run(planned: Callable[..., RunPlan], tmp_path: Path) -> Callable[..., StoredRun]:
-    def execute_it(*names: str, store: str = "runs", **more: Any) -> StoredRun:
-        return execute(planned(*names, **more), tmp_path / store, NullReporter())
-
-    return execute_it
+def run(planned: Callable[..., RunPlan]) -> Callable[..., StoredRun]:
+    return lambda *names, **more: execute(planned(*names, **more), NullReporter())

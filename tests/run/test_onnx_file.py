@@ -23,7 +23,7 @@ from tactibench import (
     open_sensor,
 )
 from tactibench.plugins import PluginHost
-from tactibench.run import export_onnx, largest_difference, onnx_file
+from tactibench.run import export_onnx, largest_difference, weights_file
 
 ONE = Contacts.truth([[1.0, 2.0]], [1.5])
 
@@ -69,7 +69,7 @@ def frames() -> list[Frame]:
 def test_without_onnx_the_sentence_says_what_to_install(
     unet: Any, frames: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(onnx_file, "find_spec", lambda _: None)
+    monkeypatch.setattr(weights_file, "find_spec", lambda _: None)
     with pytest.raises(UserError, match=r"pip install 'tactibench\[onnx\]'"):
         export_onnx(unet, frames, tmp_path / "x.onnx", {})
 
@@ -82,7 +82,7 @@ def test_the_file_computes_what_the_network_does(unet: Any, frames: Any, tmp_pat
     check = export_onnx(unet, frames, path, {"weights": "abc"})
     assert check.frames == 3
     assert check.largest_share < 1e-4
-    assert check.largest_mm < onnx_file.MOST_MM
+    assert check.largest_mm < weights_file.MOST_MM
     assert {entry.key: entry.value for entry in onnx.load(path).metadata_props}["weights"] == "abc"
     session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
     for count in (1, 3):  # any number of frames
@@ -96,8 +96,8 @@ def test_a_file_that_answers_otherwise_is_not_written(
 ) -> None:
     pytest.importorskip("onnx", reason="needs tactibench[onnx]")
     pytest.importorskip("onnxruntime", reason="needs tactibench[onnx]")
-    computed = onnx_file._computed
-    monkeypatch.setattr(onnx_file, "_computed", lambda *given: computed(*given) + 1)
+    computed = weights_file._computed
+    monkeypatch.setattr(weights_file, "_computed", lambda *given: computed(*given) + 1)
     with pytest.raises(UserError, match="answers otherwise than the model"):
         export_onnx(unet, frames, tmp_path / "x.onnx", {})
     assert list(tmp_path.iterdir()) == []

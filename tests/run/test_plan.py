@@ -21,7 +21,6 @@ from tactibench.run import (
     choose_device,
     cuda_possible,
     environment_facts,
-    plan_lines,
     read_parameters,
 )
 
@@ -179,27 +178,27 @@ def test_parameters_are_read() -> None:
 
 
 def test_the_plan_says_what_will_be_done(planned: Planned, run: Callable[..., StoredRun]) -> None:
-    text = "\n".join(plan_lines(planned("exp2"), stored=False))
+    text = "\n".join(planned("exp2", store="none").lines())
     assert "generate 30 (singles) and 10 (singles, validation) frames on tactip-127" in text
     assert "train tiny on cpu" in text
     tested = "24 (pairs) and 4 (catch) and 11 (between) and 8 (uneven) frames"
     assert f"generate {tested}" in text
     run("exp1")
-    text = "\n".join(plan_lines(planned("exp2"), stored=False))
+    text = "\n".join(planned("exp2", store="none").lines())
     assert "take the trained weights from the cache" in text
     assert "singles" not in text, "training frames are not needed any more"
     run("exp2")
-    text = "\n".join(plan_lines(planned("exp2"), stored=False))
+    text = "\n".join(planned("exp2", store="none").lines())
     assert f"take {tested} from the cache" in text
     assert "generate" not in text
-    assert "is in the store" in "\n".join(plan_lines(planned("exp2"), stored=True))
+    assert "is in the store" in "\n".join(planned("exp2").lines())
 
 
 def test_a_stopped_training_is_announced(planned: Planned, run: Any, tiny: Any) -> None:
     tiny.TinyModel.fail_in_fit = True
     with pytest.raises(KeyboardInterrupt):
         run("exp1")
-    assert "train tiny on cpu from where it stopped" in "\n".join(plan_lines(planned(), False))
+    assert "train tiny on cpu from where it stopped" in "\n".join(planned().lines())
 
 
 def test_no_card_is_certain_without_torch(tmp_path: Path) -> None:
@@ -222,11 +221,10 @@ def test_threads_may_be_a_list(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_planning_imports_neither_torch_nor_the_metrics(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path\n"
-        "from tactibench.plugins.host import PluginHost\n"
-        "from tactibench.run.plan import make_plan, plan_lines\n"
-        "from tactibench.run.request import RunRequest\n"
+        "from tactibench.plugins import PluginHost\n"
+        "from tactibench.run import RunRequest, make_plan\n"
         "plan = make_plan(RunRequest('exp1', 'nearest'), PluginHost(), Path(sys.argv[1]))\n"
-        "plan_lines(plan, False)\n"
+        "plan.lines()\n"
         "print(plan.name, 'torch' in sys.modules, 'tactibench.metrics' in sys.modules)"
     )
     done = subprocess.run(

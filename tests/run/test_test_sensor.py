@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tactibench import UserError
 from tactibench.frames import FrameRequest, ReferenceFrames
 from tactibench.records import BoundSpec, StoredRun, code_hash, unpack_contacts
-from tactibench.run import RunPlan, TestOptions, describe_target, plan_lines, read_test_options
+from tactibench.run import RunPlan, TestOptions, describe_target, read_test_options
 
 pytestmark = pytest.mark.long
 
@@ -104,7 +104,7 @@ def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned
     assert done.record.sensor.parameters == {"offset": 0.0}
     assert "|seed:0|test:sensor.offset=9.0|weights:" in done.record.signature
     assert "-on-offset-9.0-s0-" in done.record.name
-    text = "\n".join(plan_lines(planned("exp2", test=REFERENCE), False))
+    text = "\n".join(planned("exp2", test=REFERENCE, store="none").lines())
     assert "test:  on known scenes: generate 4 (pairs) frames on known;" in text
     assert "take the trained weights from the cache" in text
     plain = run("exp1").record

@@ -32,14 +32,13 @@ from tactibench.run import (
     RunPlan,
     RunRequest,
     TestOptions,
+    execute,
     folder_label,
     make_plan,
     metric_differences,
-    plan_lines,
     read_test_options,
     score_arrays,
 )
-from tactibench.run.execute import execute
 
 SHOTS = (0, 5, 20)
 GIVEN = {"labels": "given"}
@@ -97,7 +96,7 @@ def planned(protocol: str, folders: tuple[Path, Path], place: Path) -> Plan:
             "parameters": {"sensor": GIVEN},
         }
         request = RunRequest(protocol, model, **asked | more)
-        return make_plan(request, PluginHost(), place / "cache")
+        return make_plan(request, PluginHost(), place / "cache", store=place / "runs")
 
     return plan
 
@@ -111,7 +110,7 @@ def done(planned: Plan, place: Path) -> Done:
         plan = planned(model)
         with pytest.MonkeyPatch.context() as patch:
             time_briefly(patch.setattr)
-            return plan, execute(plan, place / "runs", NullReporter())
+            return plan, execute(plan, NullReporter())
 
     return run_of
 
@@ -182,7 +181,7 @@ def test_a_simulated_sensor_trains_and_its_calibration_frames_test_nothing(
     after = planned(**simulated)
     assert set(after.frames.test[0].names) == set(before.frames.test[0].names) - set(used)
     assert after.frames.calibrated == 3
-    assert any("3 frames calibrated" in line for line in plan_lines(after, stored=False))
+    assert any("3 frames calibrated" in line for line in after.lines())
 
 
 def test_labels_are_fitted_and_their_direction_must_be_that_of_the_simulated_plates(
