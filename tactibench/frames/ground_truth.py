@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from statistics import NormalDist
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,8 @@ from tactibench.frames.presses import Presses
 from tactibench.frames.source import FrameSet
 from tactibench.plugins import Sensor
 from tactibench.records import digest, read_checked_arrays, write_checked_arrays
+
+Number = TypeVar("Number", bound=np.floating[Any])
 
 SEEN, FALSELY_SEEN = 0.75, 0.01
 """Share of pairs and of single presses that the ideal observer takes for two."""
@@ -175,12 +177,15 @@ def _of_all(
     return arrays
 
 
-def _cached(presses: Presses, name: str, compute: Callable[[], Any]) -> Any:
+def _cached(
+    presses: Presses, name: str, compute: Callable[[], npt.NDArray[Number] | None]
+) -> npt.NDArray[Number] | None:
     """Return the array of a file beside the frames, computed where it is missing or damaged."""
     path = None if presses.folder is None else presses.folder / f"{name}.npz"
     arrays = None if path is None else read_checked_arrays(path)
     if arrays is not None:
-        return arrays["values"]
+        stored: npt.NDArray[Number] = arrays["values"]
+        return stored
     values = compute()
     if path is not None and values is not None:
         write_checked_arrays(path, {"values": values})

@@ -32,6 +32,7 @@ from .identity import code_mentions as code_mentions
 from .identity import combined as combined
 from .identity import digest as digest
 from .identity import installed_versions as installed_versions
+from .identity import outside_packages as outside_packages
 from .record import SCHEMA as SCHEMA
 from .record import AdaptedSensor as AdaptedSensor
 from .record import Cause as Cause

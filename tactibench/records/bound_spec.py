@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from tactibench.plugins import Catalogue, EncoderSpec, ModelSpec, Origin, SensorSpec, Value
-from tactibench.records.identity import code_hash, code_mentions
+from tactibench.records.identity import code_hash, code_mentions, combined, outside_packages
 from tactibench.records.record import Component
 
 REFERENCE_FRAMES = "reference_frames"
@@ -84,7 +84,7 @@ class BoundSpec(Generic[SpecT]):
         return self.spec.load()(*context, **self.values)
 
     def code(self) -> str:
-        """Return a hash of the source of the package.
+        """Return a hash of the source of the package, and of what it imports from outside.
 
         Raises:
             UserError: The package of the spec cannot be imported.
@@ -92,7 +92,9 @@ class BoundSpec(Generic[SpecT]):
         inside = self.spec.target.partition(":")[0].split(".")[1:2]
         without = frozenset() if inside == [REFERENCE_FRAMES] else frozenset({REFERENCE_FRAMES})
         try:
-            return code_hash(self.package, without)
+            code = code_hash(self.package, without)
+            outside = outside_packages(self.package)
+            return combined([code, *map(code_hash, outside)]) if outside else code
         except ModuleNotFoundError:
             self.spec.load()  # says in one sentence what does not load
             raise

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
+import sys
 from collections.abc import Iterable
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -48,6 +50,50 @@ def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
     files = [(name, path) for name, path in _files(package) if Path(name).parts[0] not in without]
     lines = [f"{name} {hashlib.sha256(p.read_bytes()).hexdigest()}" for name, p in sorted(files)]
     return combined(lines)
+
+
+@lru_cache(maxsize=64)
+def outside_packages(package: str) -> tuple[str, ...]:
+    """Return the packages and modules that a package imports and that nobody installed.
+
+    These are files of the author's, such as ``mylib.py`` beside the plugin, and what they import in
+    turn. Python's own modules, installed packages and tactibench have versions or hashes of their
+    own.
+
+    Args:
+        package: Import name of the package or module.
+    """
+    found = {package}
+    waiting = [package]
+    while waiting:
+        for _, path in _files(waiting.pop()):
+            if path.suffix == ".py":
+                source = path.read_text(encoding="utf-8", errors="replace")
+                new = {name for name in _imported(source) - found if _is_outside(name)}
+                found |= new
+                waiting += new
+    return tuple(sorted(found - {package}))
+
+
+IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+(\w+)|import[ \t]+([\w., \t]+))", re.MULTILINE)
+
+
+def _imported(source: str) -> set[str]:
+    """Return the top-level names that a source imports, and some words of its texts."""
+    lists = (one or several for one, several in IMPORT.findall(source))
+    return {name for text in lists for name in re.findall(r"(?:^|,)[ \t]*(\w+)", text)}
+
+
+def _is_outside(name: str) -> bool:
+    if name in sys.stdlib_module_names or name == "tactibench":
+        return False
+    try:
+        spec = find_spec(name)
+    except (ImportError, ValueError):
+        return False
+    if spec is None or spec.origin is None:  # a folder without a module is no package of code
+        return False
+    return not {"site-packages", "dist-packages"} & set(Path(spec.origin).parts)
 
 
 def code_mentions(package: str, names: Iterable[str]) -> bool:

@@ -60,7 +60,7 @@ def test_a_run_with_three_presses_is_stored_and_found_again(
 
 
 def test_parameters_are_given_as_a_mapping_or_as_texts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactibench.run.plan.make_plan", lambda request, *_, **__: request)
+    monkeypatch.setattr("tactibench.run.make_plan", lambda request, *_, **__: request)
     one: Any = api.plan("exp1", "unet", params={"model.width": 8, "sensor.instance": 1})
     other: Any = api.plan("exp1", "unet", params=["model.width=8", "sensor.instance=1"])
     assert one == other
@@ -187,13 +187,6 @@ def test_limits_of_no_possible_press_are_refused(options: dict[str, Any], words:
 def test_a_figure_of_nothing_is_refused(kind: str, tmp_path: Path) -> None:
     with pytest.raises(UserError):
         api.plot(kind, "exp1", board=tmp_path)
-
-
-def test_what_is_public_is_what_is_documented() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "api.md").read_text("utf-8")
-    for name in api.__all__:
-        assert getattr(api, name).__doc__, name
-        assert f"`{name}" in page, name
 
 
 def test_answers_that_could_not_be_scored_are_scored_by_name(

@@ -17,6 +17,7 @@ from tactibench.records import (
     combined,
     digest,
     installed_versions,
+    outside_packages,
 )
 
 
@@ -119,3 +120,22 @@ def test_a_package_mentions_what_its_source_names(
     assert not code_mentions("pinned", ["tactibench.superposition"])
     with pytest.raises(ModuleNotFoundError):
         code_mentions("not_there_at_all", ["x"])
+
+
+def test_a_package_imports_what_its_author_wrote_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = {
+        "outer/__init__.py": "import numpy, json\nfrom tactibench import Frame\n",
+        "outer/model.py": "if 1:\n  from shifts.small import X\n  import alone as a, nothing\n",
+        "shifts/__init__.py": "",
+        "shifts/small.py": "from deeper import X\nY = 1\n",
+        "deeper.py": "import outer\n",
+        "alone.py": "",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / "nothing").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    assert outside_packages("outer") == ("alone", "deeper", "shifts")

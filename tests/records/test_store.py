@@ -86,11 +86,12 @@ def test_a_dishonest_record_is_not_written(record: Record, parts: Parts, tmp_pat
     other = {**parts, "predictions": {"values": np.zeros(2)}}
     with pytest.raises(UserError, match="stored predictions"):
         write_run(tmp_path, record, other)
-    assert not list(tmp_path.iterdir())
+    assert all(path.suffix == ".lock" for path in tmp_path.iterdir())
 
 
 def test_changed_arrays_are_noticed(record: Record, parts: Parts, tmp_path: Path) -> None:
-    run = write_run(tmp_path, record, parts)
+    write_run(tmp_path, record, parts)
+    run = open_run(tmp_path, record.name)
     np.savez_compressed(run.folder / "predictions.npz", values=np.arange(4.0))
     with pytest.raises(UserError, match="not what its record was made from"):
         run.arrays("predictions")

@@ -295,6 +295,40 @@ def test_a_fresh_run_does_not_score_what_was_kept(
     assert tiny.TinyModel.shown
 
 
+def test_fresh_makes_frames_and_weights_anew(run: Run, planned: Any, tiny: Any) -> None:
+    first = run("exp1")
+    tiny.TinySensor.pressed = 0
+    again = execute(planned("exp1"), NullReporter(), fresh=True)
+    assert tiny.TinyModel.fits == [30, 30]
+    assert tiny.TinySensor.pressed == 30 + 10 + 20
+    assert again.record.metrics == first.record.metrics
+    assert not again.record.training.reused
+
+
+def test_a_store_that_cannot_be_written_is_told_before_the_training(
+    run: Run, tiny: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "blocked").write_text("a file, which also stops root")
+    with pytest.raises(OSError, match="blocked"):
+        run("exp1", store="blocked")
+    assert (tiny.TinyModel.fits, tiny.TinySensor.pressed) == ([], 0)
+
+
+def test_a_run_stopped_after_its_answers_does_not_ask_the_model_again(
+    run: Run, tiny: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as stopped:
+        stopped.setattr("tactibench.run.execution.simulator_error", lambda _: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            run("exp1")
+    tiny.TinyModel.shown.clear()
+    run("exp1")
+    calls = [len(frames) for frames in tiny.TinyModel.shown]
+    run("exp1", store="other")
+    assert len(tiny.TinyModel.shown) - len(calls) > len(calls), "predicted in another store"
+    assert not list(tmp_path.rglob("*.predictions.npz"))
+
+
 def test_a_full_disk_while_the_score_is_stored_keeps_the_answers(
     planned: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
