@@ -92,9 +92,9 @@ class BoundSpec(Generic[SpecT]):
         inside = self.spec.target.partition(":")[0].split(".")[1:2]
         without = frozenset() if inside == [REFERENCE_FRAMES] else frozenset({REFERENCE_FRAMES})
         try:
-            code = code_hash(self.package, without)
-            outside = outside_packages(self.package)
-            return combined([code, *map(code_hash, outside)]) if outside else code
+            own = code_hash(self.package, without)
+            outside: tuple[str, ...] = outside_packages(self.package)
+            return combined([own, *(code_hash(name) for name in outside)]) if outside else own
         except ModuleNotFoundError:
             self.spec.load()  # says in one sentence what does not load
             raise
