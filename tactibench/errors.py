@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import difflib
 import errno
-import signal
-import threading
 import unicodedata
 from collections.abc import Callable, Iterable
 from typing import TypeVar
@@ -25,10 +23,6 @@ class UserError(Exception):
 
 class PluginError(Exception):
     """A call into a plugin raised; the message is one line, and the cause is the exception."""
-
-
-class Interruption(KeyboardInterrupt):
-    """Ctrl-C of the user, as a class of its own: a plugin may raise KeyboardInterrupt itself."""
 
 
 class NotFiniteError(ValueError):
@@ -81,32 +75,16 @@ def describe_exception(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
-def is_interruption(error: BaseException) -> bool:
-    """Return whether an exception is the user's Ctrl-C.
-
-    The command line raises ``Interruption``. Elsewhere, in a notebook, Python's own handler raises
-    KeyboardInterrupt in the main thread; without that handler a plugin has raised it.
-    """
-    if isinstance(error, Interruption):
-        return True
-    return (
-        isinstance(error, KeyboardInterrupt)
-        and threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )
-
-
 def call_plugin(function: Callable[[], T]) -> T:
     """Call a function of a plugin and return its result.
 
     Raises:
-        PluginError: The function raises any exception, SystemExit, its own KeyboardInterrupt and
-            other bare BaseExceptions included (bindings to other languages raise such exceptions).
-            Only the user's Ctrl-C passes, see ``is_interruption``.
+        PluginError: The function raises any exception but KeyboardInterrupt, SystemExit and other
+            bare BaseExceptions included (bindings to other languages raise such exceptions).
     """
     try:
         return function()
+    except KeyboardInterrupt:
+        raise
     except BaseException as error:
-        if is_interruption(error):
-            raise
         raise PluginError(describe_exception(error)) from error

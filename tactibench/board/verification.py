@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tactibench.board.alarm import alarm
 from tactibench.board.neighbours import Neighbours, find_neighbours
 from tactibench.board.predictions import (
     Arrays,
@@ -38,7 +39,6 @@ from tactibench.board.submissions import (
 )
 from tactibench.board.truth import Source, labelled_counts, make_test_set
 from tactibench.errors import UserError, describe_exception
-from tactibench.plugins.alarm import alarm
 from tactibench.protocols import (
     recorded_seed,
     recorded_version,

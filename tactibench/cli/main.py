@@ -6,7 +6,6 @@ import faulthandler
 import os
 import signal
 import sys
-import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from types import FrameType
@@ -17,15 +16,11 @@ import click
 from tactibench import __version__
 from tactibench.cli.text import echo
 from tactibench.errors import (
-    Interruption,
     PluginError,
     UserError,
     describe_exception,
     did_you_mean,
-    is_interruption,
-    printable,
 )
-from tactibench.plugins import forbid_exit
 
 if TYPE_CHECKING:
     from tactibench.plugins import CommandSpec
@@ -64,9 +59,6 @@ RETIRED = {
 MISTAKE, INTERRUPTED = 2, 130
 """Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
 STOPPED = "tactibench: stopped; the same command continues where it was."
-
-GRACE_S = 5.0
-"""Seconds that threads may run on when the command is done; those of pools end in milliseconds."""
 
 _HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later
 
@@ -147,7 +139,6 @@ def main(ctx: click.Context, debug: bool, quiet: bool) -> None:  # noqa: ARG001 
 def run() -> None:
     """Entry point of the console script."""
     faulthandler.enable()  # a crash in compiled code shows the line of Python that led to it
-    forbid_exit()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else the job ignores it
         signal.signal(signal.SIGINT, _interrupted)
     for stream in (sys.stdout, sys.stderr):
@@ -161,30 +152,7 @@ def run() -> None:
         sys.stdout.flush()
     except OSError:  # it was reported; Python's own flush at exit would complain a second time
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    _note_threads(code)
     sys.exit(code)
-
-
-def _note_threads(code: int) -> None:
-    """Name the threads that plugins left, and end the process where one would keep it for ever."""
-    left = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
-    if not left:
-        return
-    from tactibench.plugins import describe_threads
-
-    for sentence in describe_threads(left):
-        echo(f"tactibench: {sentence}", err=True)
-
-    def end() -> None:
-        main_thread = threading.main_thread()
-        kept = [t.name for t in threading.enumerate() if not (t.daemon or t is main_thread)]
-        text = f"tactibench: the threads {', '.join(kept)} still run; they are stopped."
-        os.write(2, f"{printable(text)}\n".encode("utf-8", "replace"))
-        os._exit(code)
-
-    watch = threading.Timer(GRACE_S, end)
-    watch.daemon = True
-    watch.start()
 
 
 def _interrupted(_number: int, _frame: FrameType | None) -> None:
@@ -193,7 +161,7 @@ def _interrupted(_number: int, _frame: FrameType | None) -> None:
     Nothing is lost by it: files take their names when they are whole.
     """
     signal.signal(signal.SIGINT, _at_once)
-    raise Interruption
+    raise KeyboardInterrupt
 
 
 def _at_once(_number: int, _frame: FrameType | None) -> None:
@@ -232,7 +200,7 @@ def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
 
     Raises what is neither a mistake nor a plugin's, and with ``debug`` everything.
     """
-    interrupted = is_interruption(error) or isinstance(error, click.exceptions.Abort)
+    interrupted = isinstance(error, (KeyboardInterrupt, click.exceptions.Abort))
     if isinstance(error, SystemExit) and not own_verb:  # a verb of a plugin may end as it likes
         raise error
     if not interrupted:
@@ -244,8 +212,7 @@ def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
                 raise error if isinstance(error, Exception) else _as_exception(error)
             echo(f"tactibench: {text}", err=True)
             return MISTAKE
-        if not isinstance(error, KeyboardInterrupt):
-            raise error
+        raise error
     echo(STOPPED, err=True)
     return INTERRUPTED
 

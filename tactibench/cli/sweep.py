@@ -1,4 +1,4 @@
-"""``tactibench sweep``: many runs, and large data sets, on many processes."""
+"""``tactibench sweep``: many runs on many processes."""
 
 from __future__ import annotations
 
@@ -64,18 +64,16 @@ def sweep(
     from tactibench.plugins import PluginHost
     from tactibench.records import cache_folder
     from tactibench.report import print_sweep
+    from tactibench.run import fingerprint
     from tactibench.sweep import (
-        CellResult,
         Storage,
-        count_cores,
         list_cells,
-        list_data_sets,
-        local_cluster,
+        local_client,
         plan_cells,
         read_sweep,
-        remote_cluster,
+        remote_client,
         result_rows,
-        run_sweep,
+        run_cells,
     )
 
     if scheduler is not None and (workers or threads):
@@ -83,23 +81,21 @@ def sweep(
             "--workers and --threads are for processes on this machine; leave them out with "
             "--scheduler, whose workers were started with theirs."
         )
-    sweep_file = read_sweep(file)
-    cells, data_sets = list_cells(sweep_file, PluginHost()), list_data_sets(sweep_file)
+    cells = list_cells(read_sweep(file), PluginHost())
     any_machine = scheduler is not None
     storage = Storage(store.resolve(), cache_folder().resolve(), any_machine=any_machine)
     terminal = Terminal()
-    with nullcontext() if scheduler is None else remote_cluster(scheduler, storage) as remote:
-        plans = plan_cells(cells, storage, remote)
-        results = [CellResult(cell, plan) for cell, plan in plans.items()]
-        missing = [task for task in data_sets if not task.is_complete]
-        to_do = sum(plan.state == "to do" for plan in plans.values())
-        if (to_do or missing) and not dry_run:
-            count = workers or (count_cores() if missing else min(count_cores(), to_do))
-            share = threads or max(1, count_cores() // count)
-            local = nullcontext(remote) if remote else local_cluster(count, share, retries)
-            with local as cluster:
-                results = run_sweep(plans, data_sets, cluster, storage, retries, terminal)
-    print_sweep(terminal.out, results, data_sets, storage.store)
+    with nullcontext() if scheduler is None else remote_client(scheduler, storage) as remote:
+        states = plan_cells(cells, storage, remote)
+        to_do = sum(state.state == "to do" for state in states.values())
+        if to_do and not dry_run:
+            cores: int = fingerprint()["cores_logical"]
+            count = workers or min(cores, to_do)
+            share = threads or max(1, cores // count)
+            local = nullcontext(remote) if remote else local_client(count, share, retries)
+            with local as client:
+                states = run_cells(states, client, storage, terminal)
+    print_sweep(terminal.out, states, storage.store)
     if json_file is not None:
-        save_json(json_file, result_rows(results, data_sets, storage.store))
-    return FAILED if any(result.why for result in results) else 0
+        save_json(json_file, result_rows(states, storage.store))
+    return FAILED if any(state.why for state in states.values()) else 0

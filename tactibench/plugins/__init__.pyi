@@ -1,32 +1,25 @@
 """Public names of tactibench.plugins, and the modules that define them."""
 
+from .base import PRIORS as PRIORS
 from .base import Encoder as Encoder
+from .base import FitReport as FitReport
 from .base import Model as Model
 from .base import ModelContext as ModelContext
+from .base import Prior as Prior
 from .base import Progress as Progress
 from .base import Sensor as Sensor
 from .base import SensorContext as SensorContext
 from .base import Stage as Stage
-from .discovery import Origin as Origin
-from .discovery import installed as installed
-from .exits import ProcessExitError as ProcessExitError
-from .exits import forbid_exit as forbid_exit
-from .failures import Owners as Owners
-from .failures import describe_failure as describe_failure
-from .failures import describe_method as describe_method
-from .failures import describe_threads as describe_threads
-from .fit_report import PRIORS as PRIORS
-from .fit_report import FitReport as FitReport
-from .fit_report import Prior as Prior
 from .hookspecs import GROUP as GROUP
 from .host import HOOKS as HOOKS
 from .host import Catalogue as Catalogue
-from .host import HookTimeoutError as HookTimeoutError
+from .host import Origin as Origin
+from .host import Owners as Owners
 from .host import PluginHost as PluginHost
 from .host import Problem as Problem
-from .host import time_limit as time_limit
-from .parameter import Parameter as Parameter
-from .parameter import Value as Value
+from .host import describe_failure as describe_failure
+from .host import describe_method as describe_method
+from .host import installed as installed
 from .specs import CHANNELS as CHANNELS
 from .specs import IMAGE as IMAGE
 from .specs import INSTANCE as INSTANCE
@@ -36,4 +29,6 @@ from .specs import VERSION as VERSION
 from .specs import CommandSpec as CommandSpec
 from .specs import EncoderSpec as EncoderSpec
 from .specs import ModelSpec as ModelSpec
+from .specs import Parameter as Parameter
 from .specs import SensorSpec as SensorSpec
+from .specs import Value as Value

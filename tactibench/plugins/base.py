@@ -11,22 +11,50 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Literal, Protocol, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene, Workspace
 from tactibench.errors import UserError
-from tactibench.plugins.fit_report import FitReport
 from tactibench.plugins.specs import IMAGE
 
 Maps = npt.NDArray[np.float32]
 Stage = tuple[str, Callable[[Any], Any]]
 """Name of a phase of prediction, and the function that computes it."""
+
+
+Prior = Literal["none", "plain addition", "nominal mechanics", "fitted to multi-contact labels"]
+"""Knowledge that a model has, besides its frames, of contacts that press together: none; that their
+displacements add up; the mechanics of a nominal sensor; a law that was fitted to labelled presses
+with several contacts, those of its own training included."""
+PRIORS: tuple[Prior, ...] = get_args(Prior)
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """Summary of a training.
+
+    Attributes:
+        epochs: Number of epochs, those before an interruption included.
+        seconds: Time spent in this and earlier calls.
+        resumed_from: Epoch of the checkpoint from which training went on; 0: from the start.
+        history: One mapping per epoch.
+        notes: JSON values for the record.
+        prior: What the model knew of contacts that press together, see ``Prior``. A board shows it
+            in a column; None stands there as "not stated".
+    """
+
+    epochs: int = 0
+    seconds: float = 0.0
+    resumed_from: int = 0
+    history: tuple[dict[str, float], ...] = ()
+    notes: dict[str, Any] = field(default_factory=dict)
+    prior: Prior | None = None
 
 
 class Encoder(ABC):

@@ -1,24 +1,30 @@
-"""The guarded plugin host: one thin object, and one broken plugin never stops the others."""
+"""The plugin host: it finds plugins and collects their specs; a broken one never stops the others.
+
+It also names the plugin behind an exception.
+"""
 
 from __future__ import annotations
 
-import os
+import inspect
 import sys
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from importlib.metadata import EntryPoint
-from types import FrameType
+from functools import cache, cached_property
+from importlib.metadata import Distribution, EntryPoint, entry_points
+from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import pluggy
 
-from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
+from tactibench.errors import (
+    PluginError,
+    UserError,
+    call_plugin,
+    describe_exception,
+    did_you_mean,
+    printable,
+)
 from tactibench.plugins import hookspecs
-from tactibench.plugins.alarm import alarm
-from tactibench.plugins.discovery import Origin, installed
 from tactibench.plugins.specs import CommandSpec, EncoderSpec, ModelSpec, SensorSpec
 
 if TYPE_CHECKING:
@@ -26,17 +32,45 @@ if TYPE_CHECKING:
 
 SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec, CommandSpec)
 
-T = TypeVar("T")
-
-VARIABLE = "TACTIBENCH_HOOK_SECONDS"
-LIMIT_S = 30.0
-"""Seconds that a plugin may take to be imported, and each of its hooks to answer. Hooks are light
-and take milliseconds; one that imports torch from a cold network drive takes ten seconds."""
-AGAIN_S = 5.0
-"""Seconds after which the process ends where a plugin caught the exception of its time limit."""
-MISTAKE = 2
-
 HOOKS = tuple(name for name in vars(hookspecs) if name.startswith(f"{hookspecs.GROUP}_"))
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The distribution that a plugin came from."""
+
+    plugin: str
+    distribution: str
+    version: str
+
+    def __str__(self) -> str:
+        return f"{self.plugin!r} ({self.distribution} {self.version})"
+
+
+def installed() -> list[tuple[EntryPoint, Origin]]:
+    """Return the entry points of the group ``tactibench``.
+
+    Among distributions with the same name the first on the path counts, as it does for imports.
+
+    Raises:
+        UserError: The metadata of an installed distribution is damaged.
+    """
+
+    @cache  # all plugins of a distribution share its metadata
+    def release(distribution: Distribution) -> tuple[str, str]:
+        return printable(distribution.name), printable(distribution.version)
+
+    try:
+        return [
+            (point, Origin(printable(point.name), *release(point.dist)))
+            for point in entry_points(group=hookspecs.GROUP)
+            if point.dist is not None
+        ]
+    except (OSError, TypeError, ValueError) as error:
+        raise UserError(
+            f"the entry points of the installed packages cannot be read "
+            f"({describe_exception(error)}); `pip check` and a reinstallation help."
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -46,6 +80,9 @@ class Problem:
     origin: Origin
     step: str
     message: str
+
+    def __str__(self) -> str:
+        return f"plugin {self.origin} in step {self.step}: {self.message}"
 
 
 @dataclass(frozen=True)
@@ -57,12 +94,14 @@ class Catalogue(Generic[SpecT]):
         specs: Name -> spec; names that two plugins offer are left out.
         origins: Name -> plugin, for the names in ``specs``.
         clashes: Name -> the plugins that all offer it.
+        problems: What kept plugins from declaring specs of this kind.
     """
 
     kind: str
     specs: Mapping[str, SpecT]
     origins: Mapping[str, Origin]
     clashes: Mapping[str, tuple[Origin, ...]]
+    problems: tuple[Problem, ...] = ()
 
     def __iter__(self) -> Iterator[SpecT]:
         return iter(self.specs.values())
@@ -83,33 +122,25 @@ class Catalogue(Generic[SpecT]):
                 f"{self.kind} {name!r} is offered by {owners}; uninstall one of them to use it."
             )
         if name not in self.specs:
-            raise UserError(f"unknown {self.kind} {name!r}; {did_you_mean(name, self.specs)}")
+            # a plugin that failed might have offered it
+            broken = "".join(f" Broken {problem}." for problem in self.problems)
+            text = f"unknown {self.kind} {name!r}; {did_you_mean(name, self.specs)}{broken}"
+            raise UserError(text)
         return self.specs[name]
 
 
 class PluginHost:
-    """Loads the entry points of group ``tactibench`` one by one under a guard.
+    """Loads the entry points of group ``tactibench`` one by one.
 
-    Every exception of a plugin becomes a `Problem`, see ``call_plugin``, and so does code that does
-    not end, see ``time_limit``.
+    Every exception of a plugin becomes a `Problem`, see ``call_plugin``.
     """
 
-    def __init__(
-        self,
-        points: Iterable[tuple[EntryPoint, Origin]] | None = None,
-        *,
-        limit_s: float | None = None,
-    ) -> None:
+    def __init__(self, points: Iterable[tuple[EntryPoint, Origin]] | None = None) -> None:
         """Load plugins.
 
         Args:
             points: Entry points and their distributions; None: all installed.
-            limit_s: Seconds that each step may take; None: ``TACTIBENCH_HOOK_SECONDS``, or 30.
-
-        Raises:
-            UserError: ``TACTIBENCH_HOOK_SECONDS`` is not a number of seconds above 0.
         """
-        self._limit_s = _limit() if limit_s is None else limit_s
         self._manager = pluggy.PluginManager(hookspecs.GROUP)
         self._manager.add_hookspecs(hookspecs)
         self._origins: dict[str, Origin] = {}
@@ -127,12 +158,12 @@ class PluginHost:
             self._report(origin, "duplicate", message)
             return
         try:
-            plugin = self._call(origin, "its import", point.load)
+            plugin = call_plugin(point.load)
         except PluginError as error:
             self._report(origin, "load", str(error))
             return
         try:
-            mistake = self._call(origin, "its check", lambda: self._register(plugin, name))
+            mistake = call_plugin(lambda: self._register(plugin, name))
         except PluginError as error:
             mistake = str(error)
         if mistake is None:
@@ -155,30 +186,20 @@ class PluginHost:
             return f"{unmarked[0]} is not marked with @hookimpl"
         return None if hooks else f"it has none of the hooks {', '.join(HOOKS)}"
 
-    def _call(self, origin: Origin, step: str, function: Callable[[], T]) -> T:
-        """Return the result of a plugin's function.
-
-        Raises:
-            PluginError: The function raises, or does not end within the time limit.
-        """
-
-        def call() -> T:
-            with time_limit(self._limit_s, f"plugin {origin}: {step}"):
-                return function()
-
-        return call_plugin(call)
-
     def _report(self, origin: Origin, step: str, message: str) -> None:
         self._problems.append(Problem(origin, step, message))
 
     def _collect(self, kind: str, hook: str, spec_type: type[SpecT]) -> Catalogue[SpecT]:
         """Return the specs that all plugins declare; names that are offered twice are left out."""
         caller: pluggy.HookCaller = getattr(self._manager.hook, hook)
+        problems = [problem for problem in self._problems if problem.step in ("load", "validate")]
+        known = len(self._problems)
         offers: dict[str, list[tuple[Origin, SpecT]]] = {}
         for implementation in caller.get_hookimpls():
             origin = self._origins[implementation.plugin_name]
             for spec in self._call_hook(origin, implementation, hook, spec_type):
                 offers.setdefault(spec.name, []).append((origin, spec))
+        problems += self._problems[known:]
         specs: dict[str, SpecT] = {}
         origins: dict[str, Origin] = {}
         clashes: dict[str, tuple[Origin, ...]] = {}
@@ -191,7 +212,7 @@ class PluginHost:
                 others = [str(o) for o in dict.fromkeys(clashes[name]) if o != origin]
                 by = f"also by {' and '.join(others)}" if others else "twice"
                 self._report(origin, "duplicate", f"{kind} {name!r} is offered {by}")
-        return Catalogue(kind, specs, origins, clashes)
+        return Catalogue(kind, specs, origins, clashes, tuple(problems))
 
     def _call_hook(
         self,
@@ -203,13 +224,13 @@ class PluginHost:
         """Return the specs that one plugin declares; a hook that fails half way declares none."""
         expected = spec_type.__name__
         try:
-            returned = self._call(origin, hook, implementation.function)
+            returned = call_plugin(implementation.function)
             if isinstance(returned, str) or not isinstance(returned, Iterable):
                 kind = type(returned).__name__
                 self._report(origin, "declare", f"{hook} gave {kind}, not a list of {expected}")
                 return []
             # a generator runs the plugin's code here
-            declared: list[object] = self._call(origin, hook, lambda: list(returned))
+            declared: list[object] = call_plugin(lambda: list(returned))
         except PluginError as error:
             self._report(origin, "declare", f"{hook} raised {error}")
             return []
@@ -260,70 +281,6 @@ class PluginHost:
         return tuple(self._problems)
 
 
-class HookTimeoutError(BaseException):
-    """Code of a plugin did not end in time.
-
-    It does not inherit from Exception, which the plugin might catch.
-    """
-
-
-@contextmanager
-def time_limit(seconds: float, what: str) -> Iterator[None]:
-    """Raise HookTimeoutError inside the block when it takes longer.
-
-    A block that catches the exception and goes on ends the process with a sentence. See ``alarm``
-    for where there is no limit.
-
-    Args:
-        seconds: How long the block may take, s.
-        what: Words for the block in that sentence.
-    """
-    caught = False
-
-    def stop(frame: FrameType | None) -> None:
-        nonlocal caught
-        late = f"did not end within {seconds:g} s, stopped in {_place(frame)}"
-        longer = f"set {VARIABLE} to wait longer"
-        if caught:
-            text = f"tactibench: {what} {late}, and went on; uninstall it, or {longer}.\n"
-            os.write(2, text.encode("utf-8", "replace"))
-            os._exit(MISTAKE)
-        caught = True
-        raise HookTimeoutError(f"it {late}; {longer}")
-
-    with alarm("wall", seconds, stop, again_s=AGAIN_S):
-        yield
-
-
-def _limit() -> float:
-    """Return the time limit of a step, s.
-
-    Raises:
-        UserError: ``TACTIBENCH_HOOK_SECONDS`` is not a number of seconds above 0.
-    """
-    text = os.environ.get(VARIABLE, "")
-    try:
-        seconds = float(text or LIMIT_S)
-    except ValueError:
-        seconds = 0.0
-    if not 0 < seconds < threading.TIMEOUT_MAX:  # False for NaN, too
-        raise UserError(f"{VARIABLE} is {text!r}; give a number of seconds above 0.")
-    return seconds
-
-
-def _place(frame: FrameType | None) -> str:
-    """Return file and line of the innermost frame that is not of the standard library."""
-    inner = frame
-    while frame is not None:
-        if frame.f_globals.get("__name__", "").partition(".")[0] not in sys.stdlib_module_names:
-            inner = frame
-            break
-        frame = frame.f_back
-    if inner is None:
-        return "an unknown place"
-    return f"{inner.f_code.co_filename}, line {inner.f_lineno}"
-
-
 def open_sensor(
     name: str,
     context: SensorContext,
@@ -347,3 +304,76 @@ def open_sensor(
     texts = {key: value for key, value in (preferred or {}).items() if key in names}
     values = spec.settings({**texts, **given})  # before anything heavy is imported
     return spec.load()(context, **values)
+
+
+@dataclass(frozen=True)
+class Place:
+    """The line of a plugin's source that was running.
+
+    Attributes:
+        origin: The plugin.
+        function: Name of the function.
+        file: Path of the source.
+        line: Number of the line.
+    """
+
+    origin: Origin
+    function: str
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return printable(f"{self.function} ({self.file}, line {self.line})")
+
+
+class Owners:
+    """The plugins that loaded, by the top-level modules that belong to them."""
+
+    def __init__(self) -> None:
+        points = [(point, origin) for point, origin in installed() if point.module in sys.modules]
+        host = PluginHost(points)
+        self._origins: dict[str, Origin] = {}
+        for point, origin in points:
+            self._origins.setdefault(_top_level(point.module), origin)
+        for catalogue in (*host.catalogues, host.commands):
+            for spec in catalogue:
+                self._origins.setdefault(_top_level(spec.target), catalogue.origins[spec.name])
+
+    def place_of_error(self, error: BaseException) -> Place | None:
+        """Return the innermost line of a plugin that an exception passed; None: it passed none."""
+        place = None
+        trace: TracebackType | None = error.__traceback__
+        while trace is not None:
+            code = trace.tb_frame.f_code
+            origin = self._origins.get(_top_level(trace.tb_frame.f_globals.get("__name__", "")))
+            if origin is not None:
+                place = Place(origin, code.co_qualname, code.co_filename, trace.tb_lineno)
+            trace = trace.tb_next
+        return place
+
+
+def describe_failure(error: BaseException) -> str | None:
+    """Return the sentence about an exception that a plugin raised; None: no plugin raised it.
+
+    The sentence names the plugin, the exception, the file and the line.
+    """
+    place = Owners().place_of_error(error)
+    if place is None:
+        return None
+    return (
+        f"plugin {place.origin} raised {describe_exception(error).rstrip('.')} in {place}; fix or "
+        "uninstall it (--debug shows the traceback)."
+    )
+
+
+def describe_method(subject: object, name: str) -> str:
+    """Return a method of a plugin's object with its source: ``Net.predict (net.py, line 12)``."""
+    kind = type(subject)
+    code = getattr(inspect.unwrap(getattr(kind, name)), "__code__", None)
+    source = "" if code is None else f" ({code.co_filename}, line {code.co_firstlineno})"
+    return printable(f"{kind.__name__}.{name}{source}")
+
+
+def _top_level(name: str) -> str:
+    """Return the package of "package.module" and of "package.module:Class"."""
+    return name.partition(":")[0].partition(".")[0]

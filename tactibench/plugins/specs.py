@@ -8,17 +8,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from math import isfinite
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
-from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
-from tactibench.plugins.parameter import Parameter, Value, text_of
+from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean, printable
 
 if TYPE_CHECKING:
     from tactibench.plugins.base import Encoder, Model, Sensor  # noqa: F401 - in bases, as texts
 
 T = TypeVar("T")
+
+Value = bool | int | float | str
+
+_TRUTHS = {
+    **dict.fromkeys(("yes", "true", "1"), True),
+    **dict.fromkeys(("no", "false", "0"), False),
+}
+"""Texts for a parameter that is true or false: plain words, those of TOML, and digits."""
 
 KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
@@ -38,8 +46,149 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder na
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
+class Declared:
+    """What a plugin declares; a keyword that it does not have is said with those that it has."""
+
+    def __new__(cls, *_: object, **keywords: object) -> Self:
+        """Return an object whose fields are not set yet.
+
+        Raises:
+            TypeError: A keyword is unknown.
+        """
+        known = {one.name for one in fields(cls)} if is_dataclass(cls) else set(keywords)
+        for keyword in keywords.keys() - known:
+            raise TypeError(
+                f"{cls.__name__} has no keyword {keyword!r}; it has {', '.join(sorted(known))}"
+            )
+        return super().__new__(cls)
+
+
 @dataclass(frozen=True)
-class _Spec(Generic[T]):
+class Parameter(Declared):
+    """A number or word that a user may set with ``--param KIND.NAME=VALUE``.
+
+    Attributes:
+        name: Name of the keyword argument with which the class is built.
+        default: Its type is the parameter's type.
+        help: Explanation in a few words, with the unit.
+        choices: The only allowed values, where there are any.
+        low: Smallest allowed number.
+        high: Largest allowed number.
+        decode_only: For encoders: changes how maps are read, but not the maps that a model is
+            trained on, so that trained weights stay valid.
+        built_in: For a parameter that can name a file: the values that need no file of the user;
+            empty for all others. A committed record has one of them, because no file that a record
+            names is opened.
+        checks_only: For sensors: decides what is refused, and changes no frame; at its default it
+            is no part of what identifies frames.
+
+    Raises:
+        ValueError: The name is no identifier, the help is no text, the default is neither a number
+            nor a text, a default or a choice is not printable, or the default is not allowed.
+    """
+
+    name: str
+    default: Value
+    help: str
+    choices: tuple[Value, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    decode_only: bool = False
+    built_in: tuple[Value, ...] = ()
+    checks_only: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.isidentifier():
+            raise ValueError(f"parameter {self.name!r} has no name that Python could take")
+        object.__setattr__(self, "help", text_of(self.name, "help", self.help))
+        default: object = self.default  # whatever an untyped plugin hands over
+        if not isinstance(default, Value):
+            kind = type(default).__name__
+            raise ValueError(f"parameter {self.name!r} has a default of type {kind}")
+        for value in (self.default, *self.choices):
+            if printable(str(value)) != str(value):  # a user types it, a terminal shows it
+                raise ValueError(f"parameter {self.name!r} has the unprintable value {value!r}")
+        try:
+            self.check(self.default)
+        except UserError as error:
+            raise ValueError(f"the default of {error}") from None
+
+    def parse(self, text: str) -> Value:
+        """Return the value of a text from the command line.
+
+        Raises:
+            UserError: The text does not have the type of the default, or its value is not allowed.
+        """
+        kind = type(self.default)
+        try:
+            if kind is bool:
+                value: Value = _TRUTHS[text.lower()]
+            else:
+                value = kind(text)
+        except (KeyError, ValueError):
+            names = {bool: "yes or no", int: "a whole number", float: "a number"}
+            raise UserError(
+                f"parameter {self.name!r} is {text!r}, but must be {names[kind]}."
+            ) from None
+        return self.check(value)
+
+    def check(self, value: Value) -> Value:
+        """Return an allowed value as it is.
+
+        Raises:
+            UserError: The value is not among the choices, not finite, below ``low`` or above
+                ``high``.
+        """
+        if self.choices and value not in self.choices:
+            allowed = ", ".join(str(choice) for choice in self.choices)
+            raise UserError(f"parameter {self.name!r} is {value!r}; allowed: {allowed}.")
+        if isinstance(value, float) and not isfinite(value):
+            raise UserError(f"parameter {self.name!r} is {value}; it must be a finite number.")
+        if not isinstance(value, str):
+            if self.low is not None and value < self.low:
+                raise UserError(f"parameter {self.name!r} is {value}; it must be >= {self.low}.")
+            if self.high is not None and value > self.high:
+                raise UserError(f"parameter {self.name!r} is {value}; it must be <= {self.high}.")
+        return value
+
+
+def text_of(name: str, key: str, text: object) -> str:
+    """Return a text as a terminal may show it.
+
+    Raises:
+        ValueError: The value is not a text, so that no listing could show it.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"{name!r} has a {key} of type {type(text).__name__}; a text")
+    return printable(text)
+
+
+def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
+    """Return the parameters that every model trained by ``tactibench.training`` has.
+
+    Args:
+        mixing: Whether the model can learn from frames with several contacts that are made from
+            single presses.
+    """
+    epochs = Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000)
+    precision = Parameter(
+        "precision",
+        "recipe",
+        "training arithmetic, recipe: as the recipe has it",
+        choices=("recipe", "auto", "float32", "bf16"),
+    )
+    mixed_frames = Parameter(
+        "mixing",
+        0.0,
+        "extra multi-contact frames made from single presses, share of the presses",
+        low=0,
+        high=10,
+    )
+    return (epochs, precision, mixed_frames) if mixing else (epochs, precision)
+
+
+@dataclass(frozen=True)
+class _Spec(Declared, Generic[T]):
     """The fields that models, sensors and encoders have in common.
 
     Attributes:
@@ -70,7 +219,8 @@ class _Spec(Generic[T]):
         """
         from tactibench.plugins import base
 
-        return import_subclass(self.name, self.target, getattr(base, self._BASE))
+        loaded: Callable[..., T] = import_target(self.name, self.target, getattr(base, self._BASE))
+        return loaded
 
     def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
         """Return the parameter that chooses a variant, and its value -> defaults that differ."""
@@ -169,19 +319,10 @@ class ModelSpec(_Spec["Model"]):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        answers: object = self.answers
-        if not isinstance(answers, tuple) or not answers or set(answers) - set(ANSWERS):
-            raise ValueError(f"{self.name!r} has answers {answers!r}; a tuple of {ANSWERS}")
-        reads: object = self.reads
-        if not isinstance(reads, tuple) or not reads or set(reads) - set(SIGNALS):
-            raise ValueError(f"{self.name!r} has reads {reads!r}; a tuple of {SIGNALS}")
+        _check_words(self.name, "answers", self.answers, ANSWERS)
+        _check_words(self.name, "reads", self.reads, SIGNALS)
+        _check_words(self.name, "encoders", self.encoders)
         _check_count(self.name, self.max_contacts)
-        deterministic: object = self.deterministic
-        if not isinstance(deterministic, bool):
-            raise ValueError(f"{self.name!r} has deterministic {deterministic!r}; True or False")
-        encoders: object = self.encoders
-        if not isinstance(encoders, tuple) or not encoders or not all(map(_is_name, encoders)):
-            raise ValueError(f"{self.name!r} has encoders {encoders!r}; a tuple of kinds")
         if self.default_encoder and not (self.uses_encoder and _is_name(self.default_encoder)):
             raise ValueError(
                 f"{self.name!r} has default_encoder {self.default_encoder!r}; the name of an "
@@ -261,7 +402,7 @@ class EncoderSpec(_Spec["Encoder"]):
 
 
 @dataclass(frozen=True)
-class CommandSpec:
+class CommandSpec(Declared):
     """A verb for the command line.
 
     Attributes:
@@ -291,6 +432,13 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) and _NAME.fullmatch(value) is not None
 
 
+def _check_words(name: str, key: str, words: object, allowed: tuple[str, ...] = ()) -> None:
+    if not isinstance(words, tuple) or not words or not all(map(_is_name, words)):
+        raise ValueError(f"{name!r} has {key} {words!r}; a tuple of {allowed or 'names'}")
+    if allowed and set(words) - set(allowed):
+        raise ValueError(f"{name!r} has {key} {words!r}; a tuple of {allowed}")
+
+
 def _check_count(name: str, most: int | None) -> None:
     if most is not None and most < 1:
         raise ValueError(f"{name!r} has max_contacts {most}; 1 or more")
@@ -303,44 +451,33 @@ def _check_names(name: object, target: object) -> None:
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")
 
 
-def import_target(name: str, target: str) -> Any:
+def import_target(name: str, target: str, base: type[Any] | None = None) -> Any:
     """Import and return the object that a target names.
 
     Args:
         name: Name of the spec, for the error.
         target: ``"package.module:Class"``.
+        base: The class that it must inherit from; None: it may be any object.
 
     Raises:
-        UserError: The import fails, or the module does not have the object.
+        UserError: The import fails, the module does not have the object, the class does not inherit
+            from ``base``, or it lacks a method that must be written.
     """
     module, _, attribute = target.partition(":")
     try:
-        return call_plugin(lambda: getattr(import_module(module), attribute))
+        loaded = call_plugin(lambda: getattr(import_module(module), attribute))
     except PluginError as error:
         raise UserError(
             f"{name!r} cannot be used, because {target} does not load ({error}); "
             "repair or reinstall its plugin."
         ) from error.__cause__
-
-
-def import_subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
-    """Import and return the class that a target names.
-
-    Args:
-        name: Name of the spec, for the error.
-        target: ``"package.module:Class"``.
-        base: The class that it must inherit from.
-
-    Raises:
-        UserError: The import fails, the class does not inherit from ``base``, or it lacks a method
-            that must be written.
-    """
-    loaded = import_target(name, target)
+    if base is None:
+        return loaded
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
-        kind, own = base.__name__, target.partition(":")[2]
+        kind = base.__name__
         raise UserError(
-            f"{name!r} was written for an older tactibench, because {target} does not inherit from "
-            f"tactibench.{kind}; import {kind} from tactibench and write `class {own}({kind}):`."
+            f"{name!r} cannot be used, because {target} does not inherit from tactibench.{kind}; "
+            f"import {kind} from tactibench and write `class {attribute}({kind}):`."
         )
     missing = sorted(getattr(loaded, "__abstractmethods__", ()))
     if missing:

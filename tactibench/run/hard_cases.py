@@ -13,7 +13,7 @@ import numpy as np
 
 from tactibench.contacts import Contacts, Frame
 from tactibench.errors import NotFiniteError
-from tactibench.plugins import Model, ProcessExitError
+from tactibench.plugins import Model
 from tactibench.records import Arrays, pack
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.examples import example_arrays
@@ -95,7 +95,7 @@ def predict_or_fail(
     for row, frame in enumerate(frames):
         try:
             predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
-        except (Exception, SystemExit, ProcessExitError) as error:  # noqa: BLE001 - a plugin's
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's
             raised = not isinstance(error, NotFiniteError)
             failures.append(Failure(row, raised, _cause(error)))
             predicted = [Contacts.none()]

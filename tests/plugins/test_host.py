@@ -13,6 +13,7 @@ import pytest
 from stubs import StubSensor
 
 from tactibench import Parameter, SensorContext, SensorSpec, UserError, open_sensor
+from tactibench.errors import describe_exception, printable
 from tactibench.plugins import HOOKS, Origin, PluginHost, hookspecs, installed
 from tactibench.plugins import host as host_module
 
@@ -104,6 +105,11 @@ def test_every_hook_that_is_specified_is_known_to_the_host() -> None:
             "gave EncoderSpec and int where ModelSpec is expected",
         ),
         (model("a/b"), "declare", "name 'a/b' may hold letters"),
+        (
+            model("a", colour="red"),
+            "declare",
+            "TypeError: ModelSpec has no keyword 'colour'; it has answers, default_encoder, ",
+        ),
         (model("a", answers="contacts"), "declare", "'a' has answers 'contacts'; a tuple of"),
     ],
 )
@@ -197,26 +203,17 @@ def test_unknown_names_get_the_close_match(install: Any) -> None:
         _ = host.encoders["zzz"]
 
 
-def test_damaged_metadata_of_strangers_is_no_concern_of_ours(install: Any, site: Any) -> None:
-    install("good", GOOD)
-    for name, text in {
-        "torn": b"[console_scripts]\nno equals sign here\n",
-        "binary": b"\xff\xfe[tactibench]\xff",
-        "empty": b"",
-    }.items():
-        info = site / f"{name}-0.dist-info"
-        info.mkdir()
-        (info / "entry_points.txt").write_bytes(text)
+def test_an_unknown_name_names_the_plugin_that_could_not_offer_it(install: Any) -> None:
+    install("torn", model("mine", colour="red"))
     host = PluginHost()
-    assert "good" in host.models.specs
-    assert not host.problems
-
-
-def test_a_distribution_without_metadata_still_has_its_plugin(install: Any) -> None:
-    (install("bare", model("naked")) / "METADATA").unlink()
-    host = PluginHost()
-    assert host.models.origins["naked"] == Origin("bare", "unknown", "?")
-    assert not host.problems
+    words = (
+        r"^unknown model 'mine'; .* Broken plugin 'torn' \(dist-torn 1.2\) in step declare: .*"
+        r"ModelSpec has no keyword 'colour'; it has answers, .*\.$"
+    )
+    with pytest.raises(UserError, match=words):
+        _ = host.models["mine"]
+    with pytest.raises(UserError, match=r"^unknown encoder 'mine'; known: [^.]*\.$"):
+        _ = host.encoders["mine"]
 
 
 def test_of_equal_distributions_the_first_on_the_path_counts(
@@ -234,14 +231,31 @@ def test_of_equal_distributions_the_first_on_the_path_counts(
     assert found == [Origin("good", "dist-good", "1.2")]
 
 
-def test_comments_and_other_groups_in_entry_points(install: Any) -> None:
-    info = install("good", GOOD)
-    with (info / "entry_points.txt").open("a") as file:
-        file.write("# tea = pot\n\n[gui]\nother = nothing\n")
-    points = [point for point, origin in installed() if origin.distribution == "dist-good"]
-    assert [(p.name, p.value, p.group) for p in points] == [
-        ("good", "dist_good_hooks", "tactibench")
-    ]
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("0.1 mm ± 2 °, Σ", "0.1 mm ± 2 °, Σ"),
+        ("", ""),
+        ("\x1b[2J\x1b]0;title\x07", r"\x1b[2J\x1b]0;title\x07"),
+        ("one\ntwo\r\t", r"one\ntwo\r\t"),
+        ("\x9b31m", r"\x9b31m"),
+        ("abc\N{RIGHT-TO-LEFT OVERRIDE}def", r"abc\u202edef"),
+        ("a\N{LINE SEPARATOR}b\N{ZERO WIDTH SPACE}", r"a\u2028b\u200b"),
+        ("\ud800", r"\ud800"),
+        ("a\N{NO-BREAK SPACE}b", "a\N{NO-BREAK SPACE}b"),
+    ],
+)
+def test_what_a_terminal_would_obey_is_escaped(text: str, shown: str) -> None:
+    assert printable(text) == shown
+    assert printable(shown) == shown
+
+
+def test_an_exception_that_cannot_be_read_is_described_all_the_same() -> None:
+    class MuteError(Exception):
+        def __str__(self) -> str:
+            raise ValueError
+
+    assert describe_exception(MuteError()) == "MuteError: its message cannot be read (ValueError)"
 
 
 class Made(StubSensor):

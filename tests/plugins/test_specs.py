@@ -124,7 +124,7 @@ def test_load_imports_the_target() -> None:
     [
         (
             "stubs:StubSensor",
-            "'m' was written for an older tactibench, because stubs:StubSensor",
+            "'m' cannot be used, because stubs:StubSensor does not inherit from tactibench.Model",
         ),
         ("math:sqrt", "import Model from tactibench and write `class sqrt"),
         (

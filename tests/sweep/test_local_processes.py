@@ -22,7 +22,7 @@ import pytest
 
 from tactibench.plugins import PluginHost
 from tactibench.records import CHECKSUM
-from tactibench.sweep import Storage, list_cells, local_cluster, read_sweep, run_cell
+from tactibench.sweep import Storage, list_cells, local_client, read_sweep, run_cell
 
 for package in ("distributed", "cryptography"):
     pytest.importorskip(package, reason="the engine of sweeps is an extra of its own")
@@ -57,7 +57,7 @@ def test_a_killed_worker_changes_nothing(
     assert done.returncode == 1, done.stderr
     assert done.stderr == ""
     assert "8 cells: 4 run, 4 failed" in done.stdout
-    assert done.stdout.count("the workers that ran it died, 2 in turn") == 2
+    assert done.stdout.count("the workers that ran it died one after the other") == 2
     raised = "plugin 'toy' (toy-tactile 1.0) raised ZeroDivisionError: no frames at all in Broken"
     assert " ".join(done.stdout.split()).count(raised) == 2
     begun = Counter(line.rpartition(" ")[0] for line in toy.read_text().splitlines())
@@ -88,25 +88,25 @@ def test_a_killed_worker_changes_nothing(
 def test_nobody_without_the_key_of_a_sweep_reaches_its_scheduler(toy: Path) -> None:
     from distributed import Security
 
-    with local_cluster(1, 1, 0) as cluster:
-        address = cluster.client.scheduler.address
+    with local_client(1, 1, 0) as client:
+        address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
-        assert cluster.wait(cluster.submit(os.getpid)) != os.getpid()
-        workers = cluster.workers()
+        assert client.submit(os.getpid).result() != os.getpid()
+        workers = client.scheduler_info(n_workers=-1)["workers"]
         assert all(name.startswith("tls://127.0.0.1:") for name in workers)
         folders = [Path(worker["local_directory"]) for worker in workers.values()]
         private = Path(os.environ["TACTIBENCH_CACHE"]).resolve() / "workers"
         assert all(folder.is_relative_to(private) for folder in folders)
         assert private.stat().st_mode & 0o077 == 0
         pages = [
-            cluster.client.scheduler_info(n_workers=-1)["services"],
+            client.scheduler_info(n_workers=-1)["services"],
             *workers_services(workers),
         ]
         for services in pages:
             for path in ("info/main/workers.html", "json/identity.json", "proxy/1/x", "health"):
                 with pytest.raises(HTTPError, match="404"):
                     urlopen(f"http://127.0.0.1:{services['dashboard']}/{path}", timeout=10)
-        key = cluster.client.security.get_connection_args("client")["ssl_context"]
+        key = client.security.get_connection_args("client")["ssl_context"]
         other = Security.temporary().get_connection_args("client")["ssl_context"]
         nobody = ssl.create_default_context()
         nobody.check_hostname, nobody.verify_mode = False, ssl.CERT_NONE

@@ -13,16 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from folder_files import CLOCKED, files
-
-from tactibench.datasets import verify
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 pytestmark = pytest.mark.slow
 
 PATIENCE_S = 300.0
 Command = Callable[..., subprocess.CompletedProcess[str]]
-SET = '\n[[generate]]\nout = "{0}"\nprotocol = "protocols/few-exp3.toml"\nsensor = "toy"\n'
 
 
 def started(*arguments: str) -> subprocess.Popen[bytes]:
@@ -67,10 +63,20 @@ def anybody_in(group: int) -> bool:
     return True
 
 
-def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
+def test_a_running_scheduler_runs_the_cells(
     asked: Callable[[str], Path], tactibench: Command, scheduler: str, tmp_path: Path
 ) -> None:
-    text = 'model = ["toy", "mean"]\n[device]\nmean = "cuda"' + SET.format("set")
+    text = """
+        [[sweep]]
+        protocol = ["protocols/few-exp1.toml", "protocols/few-exp2.toml"]
+        sensor = "toy"
+        model = "toy"
+        [[sweep]]
+        protocol = ["protocols/few-exp1.toml", "protocols/few-exp2.toml"]
+        sensor = "toy"
+        model = "mean"
+        device = "cuda"
+    """
     done = tactibench("sweep", asked(text), "--scheduler", scheduler, "--quiet")
     assert (done.returncode, done.stderr) == (1, "")
     assert "4 cells: 2 run, 2 failed" in done.stdout
@@ -81,12 +87,6 @@ def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
     again = tactibench("sweep", asked('model = "toy"'), "--scheduler", scheduler, "--quiet")
     assert (again.returncode, again.stderr) == (0, "")
     assert "2 cells: 2 in the store" in again.stdout
-
-    alone = ("data", "generate", "protocols/few-exp3.toml", "--sensor", "toy", "--out", "alone")
-    assert tactibench(*alone).returncode == 0
-    made, alone = (files(tmp_path / name, without=CLOCKED) for name in ("set", "alone"))
-    assert made == alone
-    assert verify(tmp_path / "set") == []
 
 
 def test_an_interrupted_sweep_keeps_what_is_finished(

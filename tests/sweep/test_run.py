@@ -1,10 +1,10 @@
-"""The order in which cells begin; the engine is a list of tasks that a test finishes one by one."""
+"""The plan of a sweep and its tasks, without other processes."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,25 +12,23 @@ import pytest
 from briefly import time_briefly
 
 from tactibench.errors import UserError
+from tactibench.plugins import PluginHost
 from tactibench.records import RECORD, read_json, with_checksum, write_json
-from tactibench.run import RunRequest
+from tactibench.run import NullReporter, RunRequest
 from tactibench.sweep import (
     NO_GPU,
-    Capacity,
     Cell,
-    CellPlan,
-    CellResult,
-    Outcome,
+    CellState,
     Storage,
-    WorkerLossError,
-    list_jobs,
+    list_cells,
     plan_cells,
     plan_requests,
+    read_sweep,
     run_cell,
-    run_jobs,
-    train_weights,
+    run_cells,
 )
 
+pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 pytestmark = pytest.mark.long
 
 STORAGE = Storage(Path("runs"), Path("cache"))
@@ -41,128 +39,115 @@ def cell(name: str, device: str = "cpu") -> Cell:
     return Cell({**axes, "seed": "0"}, RunRequest("exp1", name, device=device))
 
 
-@dataclass(frozen=True, eq=False)
 class Task:
-    model: str
-    gpu: bool
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def done(self) -> bool:
+        return True
+
+    def result(self) -> Any:
+        if isinstance(self.value, Exception):
+            raise self.value
+        return self.value
 
 
-class Cluster:
-    """Finishes its oldest task when it is asked for one; answers: model -> what comes of it."""
+class Client:
+    """Finishes every task at once; answers: model -> what comes of it."""
 
-    remote = False
+    status = "running"
 
-    def __init__(self, slots: int = 2, gpus: int = 0, **answers: Any) -> None:
-        self.answers = answers
-        self.free = Capacity(slots, gpus)
-        self.begun: list[str] = []
-        self.most = self.most_gpu = 0
+    def __init__(self, *, gpu: bool = False, **answers: Any) -> None:
+        self.answers, self.begun = answers, list[str]()
+        self.workers = {"tcp://0": {"resources": {"GPU": 1} if gpu else {}}}
 
-    def capacity(self) -> Capacity:
-        return self.free
+    def scheduler_info(self, n_workers: int) -> dict[str, Any]:
+        return {"workers": self.workers}
 
-    def submit(self, work: Any, request: RunRequest, storage: Storage, gpu: bool = False) -> Any:
-        assert storage is STORAGE
-        self.begun.append(f"{'train' if work is train_weights else 'run'} {request.model}")
-        return Task(request.model, gpu)
-
-    def wait_any(self, running: Any) -> list[Any]:
-        every = list(running)
-        self.most = max(self.most, len(every))
-        self.most_gpu = max(self.most_gpu, sum(task.gpu for task in every))
-        return every[:1]
-
-    def result(self, task: Any) -> Outcome:
-        answer = self.answers.get(task.model, Outcome(f"run-{task.model}"))
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
+    def submit(self, work: Any, request: RunRequest, *more: Any, **options: Any) -> Task:
+        after = isinstance(more[-1], Task)
+        name = f"{'train' if work.__name__ == 'train_weights' else 'run'} {request.model}"
+        assert options == {
+            "pure": False,
+            "resources": {"GPU": 1} if request.device == "cuda" else None,
+        }
+        self.begun.append(name + (" after it" if after else ""))
+        answer = self.answers.get(request.model, CellState("run", f"run-{request.model}"))
+        return Task(answer)
 
 
-def dispatched(engine: Cluster, planned: dict[Cell, CellPlan]) -> dict[str, Outcome]:
-    found = run_jobs(list_jobs(planned), engine, STORAGE, 2)  # type: ignore[arg-type]
-    return {one.axes["model"]: outcome for one, outcome in found}
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("distributed.wait", lambda *_, **__: None)
 
 
-def to_do(*names: str, weights: str = "", device: str = "cpu") -> dict[Cell, CellPlan]:
-    return {cell(n, device): CellPlan("to do", f"run-{n}", weights=weights or n) for n in names}
+def done(client: Any, states: dict[Cell, CellState]) -> dict[str, CellState]:
+    after = run_cells(states, client, STORAGE, NullReporter())
+    assert list(after) == list(states)
+    return {each.axes["model"]: state for each, state in after.items()}
 
 
-def test_what_is_done_or_cannot_be_is_no_job() -> None:
-    planned = {cell("a"): CellPlan("done", "a"), cell("b"): CellPlan("cannot", why="no")}
-    assert list_jobs(planned) == []
-
-
-def test_shared_weights_are_trained_once_and_first() -> None:
-    planned = {**to_do("alone"), **to_do("a", "b", "c", weights="w")}
-    assert [job.work for job in list_jobs(planned)] == [train_weights, run_cell]
-    engine = Cluster(slots=2)
-    outcomes = dispatched(engine, planned)
-    assert engine.begun[:2] == ["train a", "run alone"]
-    assert sorted(engine.begun[2:]) == ["run a", "run b", "run c"]
-    assert {name: one.name for name, one in outcomes.items()} == {
-        name: f"run-{name}" for name in ("alone", "a", "b", "c")
-    }
-    assert engine.most == 2, "no more tasks than workers can begin"
-
-
-def test_weights_in_the_cache_need_no_training() -> None:
-    planned = {cell(n): CellPlan("to do", n, weights="w", trained=True) for n in ("a", "b")}
-    assert [job.work for job in list_jobs(planned)] == [run_cell, run_cell]
-
-
-def test_a_failed_training_fails_the_cells_behind_it_and_no_other() -> None:
-    planned = {**to_do("a", "b", weights="w"), **to_do("c")}
-    outcomes = dispatched(Cluster(a=Outcome(why="no frames.")), planned)
-    assert {name: one.why for name, one in outcomes.items()} == {
-        "a": "no frames.",
-        "b": "no frames.",
-        "c": "",
+def to_do(*names: str, weights: str = "", device: str = "cpu") -> dict[Cell, CellState]:
+    return {
+        cell(n, device): CellState("to do", f"run-{n}", weights=weights or n, trained=False)
+        for n in names
     }
 
 
-@pytest.mark.parametrize(
-    ("raised", "says"),
-    [(WorkerLossError(), "died, 3 in turn"), (ValueError("no pickle"), "ValueError: no pickle")],
-)
-def test_a_cell_that_kills_its_workers_is_reported(raised: Exception, says: str) -> None:
-    outcomes = dispatched(Cluster(a=raised), to_do("a", "b"))
-    assert says in outcomes["a"].why
-    assert outcomes["b"] == Outcome("run-b")
+def test_what_is_done_or_cannot_be_is_no_task() -> None:
+    states = {
+        cell("a"): CellState("in the store", "a"),
+        cell("b", "cuda"): CellState("failed", why="no"),
+    }
+    client = Client()
+    assert list(done(client, states).values()) == list(states.values())
+    assert client.begun == []
+
+
+def test_shared_weights_are_trained_once_and_waited_for() -> None:
+    trained = {cell(n): CellState("to do", n, weights="v", trained=True) for n in ("d", "e")}
+    client = Client()
+    states = done(client, {**to_do("alone"), **to_do("a", "b", weights="w"), **trained})
+    assert client.begun == [
+        "run alone",
+        "train a",
+        "run a after it",
+        "run b after it",
+        "run d",
+        "run e",
+    ]
+    assert {state.name for state in states.values()} == {
+        f"run-{name}" for name in ("alone", "a", "b", "d", "e")
+    }
+
+
+def test_a_failed_training_is_passed_on() -> None:
+    failed = CellState("failed", why="no frames.")
+    assert run_cell(RunRequest("exp1", "mean"), STORAGE, failed) == failed
+
+
+def test_a_cell_that_cannot_be_begun_or_kills_its_workers_is_reported() -> None:
+    from distributed import KilledWorker
+
+    killed = KilledWorker("a", None, 2)
+    states = done(Client(a=killed, b=ValueError("no pickle")), to_do("a", "b", "c"))
+    assert "died one after the other" in states["a"].why
+    assert "ValueError: no pickle" in states["b"].why
+    assert states["c"] == CellState("run", "run-c")
 
 
 def test_a_scheduler_that_has_gone_ends_the_sweep() -> None:
-    with pytest.raises(UserError, match="lost"):
-        dispatched(Cluster(a=UserError("the connection was lost")), to_do("a", "b"))
+    client = Client()
+    client.status = "closed"
+    with pytest.raises(UserError, match="connection to the scheduler was lost"):
+        done(client, to_do("a", "b"))
 
 
-def test_cards_are_for_as_many_as_there_are() -> None:
-    planned = {**to_do("a", "b", "c", device="cuda"), **to_do("d", "e")}
-    engine = Cluster(slots=3, gpus=1)
-    outcomes = dispatched(engine, planned)
-    assert engine.begun[:3] == ["run a", "run d", "run e"]
-    assert (engine.most, engine.most_gpu) == (3, 1)
-    assert len(outcomes) == 5
-
-
-def test_a_card_whose_worker_is_started_again_is_waited_for() -> None:
-    rooms = [Capacity(2, 1), Capacity(2, 0)]
-
-    class Restarting(Cluster):
-        def capacity(self) -> Capacity:
-            return rooms.pop(0) if rooms else Capacity(2, 1)
-
-    engine = Restarting(gpus=1)
-    outcomes = dispatched(engine, to_do("a", "b", device="cuda"))
-    assert {one.why for one in outcomes.values()} == {""}
-
-
-def test_without_a_card_those_that_need_one_are_reported() -> None:
-    planned = {**to_do("a", "b", device="cuda"), **to_do("c")}
-    engine = Cluster()
-    outcomes = dispatched(engine, planned)
-    assert engine.begun == ["run c"]
-    assert outcomes["a"].why == outcomes["b"].why == NO_GPU
+@pytest.mark.parametrize("gpu", [True, False])
+def test_cells_that_need_a_card_go_where_one_is(gpu: bool) -> None:
+    states = done(Client(gpu=gpu), {**to_do("a", device="cuda"), **to_do("b")})
+    assert states["a"].why == ("" if gpu else NO_GPU)
+    assert states["b"].state == "run"
 
 
 @pytest.fixture
@@ -170,9 +155,6 @@ def stored(
     asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Any, Storage, Path]:
     """A cell that was run: its request, where it is kept, and the file of its record."""
-    from tactibench.plugins import PluginHost
-    from tactibench.sweep import list_cells, read_sweep
-
     time_briefly(monkeypatch.setattr)
     (one, *_) = list_cells(read_sweep(asked('model = "toy"\n')), PluginHost())
     place = Storage(tmp_path / "runs", tmp_path / "cache")
@@ -189,30 +171,27 @@ def test_a_run_of_another_machine_counts_where_any_may_run_it(
     file.parent.rename(place.store / "elsewhere")
     (here,) = plan_requests([request], place)
     (anywhere,) = plan_requests([request], replace(place, any_machine=True))
-    assert (here.state, anywhere.state, anywhere.name) == ("to do", "done", "elsewhere")
+    assert (here.state, anywhere.state, anywhere.name) == ("to do", "in the store", "elsewhere")
 
 
 def test_a_run_that_cannot_be_read_is_to_do_again(stored: tuple[Any, Storage, Path]) -> None:
     request, place, file = stored
     name = file.parent.name
     whole = file.read_bytes()
-    for spoilt in (b"", whole[: len(whole) // 2], whole.replace(b'"seed": 0', b'"seed": 1', 1)):
+    for spoilt in (b"", whole[: len(whole) // 2]):
         file.write_bytes(spoilt)
         (planned,) = plan_requests([request], place)
         assert (planned.state, planned.name) == ("to do", name)
-    outcome = run_cell(request, place)
-    assert (outcome.name, outcome.why) == (name, "")
+    state = run_cell(request, place)
+    assert (state.name, state.why) == (name, "")
     (planned,) = plan_requests([request], place)
-    assert planned.state == "done"
+    assert planned.state == "in the store"
     assert json.loads(file.read_text())["name"] == name
 
 
 def test_cells_that_come_to_the_same_run_are_one(
     asked: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    from tactibench.plugins import PluginHost
-    from tactibench.sweep import list_cells, read_sweep
-
     text = 'model = ["toy", "toy, noise=0.0", "toy, noise=1", "toy-single"]\n'
     cells = list_cells(read_sweep(asked(text + 'regime = ["single", "multiple"]')), PluginHost())
     planned = plan_cells(cells, Storage(tmp_path / "runs", tmp_path / "cache"))
@@ -221,9 +200,7 @@ def test_cells_that_come_to_the_same_run_are_one(
     assert ("toy, noise=0.0", "single", "to do") not in kept
     assert {
         state for model, regime, state in kept if (model, regime) == ("toy-single", "multiple")
-    } == {"cannot"}
+    } == {"failed"}
     weights = [p.weights for c, p in planned.items() if c.label.endswith("toy single toy seed 0")]
     assert len(weights) == 2
     assert len(set(weights)) == 1, "exp1 and exp2 share them"
-    names = [one.name for one in (CellResult(c, p) for c, p in planned.items())]
-    assert names == [""] * len(planned)

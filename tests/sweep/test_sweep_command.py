@@ -17,17 +17,11 @@ def test_a_dry_run_lists_and_writes_nothing(
     text = """
         model = ["toy", "toy-single"]
         regime = ["single", "multiple"]
-        [[generate]]
-        out = "set"
-        protocol = "protocols/few-exp1.toml"
-        sensor = "toy"
-        count = 2
     """
     file = asked(text)
     before = {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts}
     code, out, err = cli("sweep", file, "--dry-run", "--json", "rows.json")
     assert (code, err) == (1, ""), "a cell that cannot be run is told beforehand"
-    assert "set            10  toy     to do" in out
     assert "8 cells: 6 to do, 2 failed" in out
     assert out.count("toy-single multiple toy seed 0: model 'toy-single' predicts one") == 2
     rows = json.loads((tmp_path / "rows.json").read_text())
@@ -41,7 +35,7 @@ def test_a_dry_run_lists_and_writes_nothing(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("none.toml",), "sweep file none.toml does not exist"),
+        (("none.toml",), "sweep file none.toml cannot be read (No such file"),
         (("FILE", "--workers", "0"), "--workers"),
         (("FILE", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), "leave them out"),
         (("FILE", "--json", "no/where.json"), "the folder no is not there"),

@@ -9,7 +9,7 @@ from pathlib import Path
 from tactibench.plugins import PluginHost
 from tactibench.protocols import load_protocol
 from tactibench.run import resolve_components
-from tactibench.sweep import DatasetSpec, SweepSpec, list_cells, read_sweep
+from tactibench.sweep import SweepSpec, list_cells, read_sweep
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -28,10 +28,10 @@ def test_every_cell_of_the_example_can_be_run() -> None:
 
 def test_the_documentation_names_every_key_and_its_examples_are_valid() -> None:
     text = (DOCS / "cluster.md").read_text(encoding="utf-8")
-    for key in (*SweepSpec.model_fields, *DatasetSpec.model_fields):
+    for key in SweepSpec.model_fields:
         assert re.search(rf"`(\[\[)?{key}(\]\])?`|^{key} =|or {key} =", text, re.MULTILINE), key
     blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 1
     for block in blocks:
         SweepSpec.model_validate(tomllib.loads(block))
 

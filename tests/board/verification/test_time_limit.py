@@ -12,7 +12,7 @@ import pytest
 
 from tactibench import UserError
 from tactibench.board import verification
-from tactibench.plugins.alarm import alarm
+from tactibench.board.alarm import alarm
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "setitimer"), reason="the system has no timer of processor time"
