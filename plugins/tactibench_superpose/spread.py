@@ -158,6 +158,6 @@ def _fit_terms(squares: Array, wanted: Array, size: Array, quantile: float) -> A
 
 @cache
 def nominal_spread() -> Spread:
-    """Return the terms that come with the package: the nominal dome (benchmarks/spread.py)."""
+    """Return the terms that come with the package: the nominal dome."""
     stored = json.loads(files(__package__).joinpath("spread.json").read_text(encoding="utf-8"))
     return Spread(np.array(stored["terms"]))

@@ -212,8 +212,9 @@ def test_an_unknown_name_names_the_plugin_that_could_not_offer_it(install: Any) 
     )
     with pytest.raises(UserError, match=words):
         _ = host.models["mine"]
-    with pytest.raises(UserError, match=r"^unknown encoder 'mine'; known: [^.]*\.$"):
+    with pytest.raises(UserError) as caught:
         _ = host.encoders["mine"]
+    assert "torn" not in str(caught.value), "it declares no encoder"
 
 
 def test_of_equal_distributions_the_first_on_the_path_counts(

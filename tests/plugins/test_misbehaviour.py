@@ -58,7 +58,7 @@ class Bad(tactibench.Model):
 
     {more}
 """
-RUN = ("run", "protocols/few-exp1.toml", "--model", "bad", "--sensor", "tiny")
+RUN = ("--quiet", "run", "protocols/few-exp1.toml", "--model", "bad", "--sensor", "tiny")
 Call = Callable[..., Any]
 
 

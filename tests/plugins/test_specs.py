@@ -93,9 +93,9 @@ def test_settings_fill_in_defaults_and_refuse_strangers() -> None:
         (lambda: ModelSpec("m", "m:C", "", answers=("contact",)), "answers"),
         (lambda: ModelSpec("m", "m:C", "", answers=()), "answers"),
         (lambda: ModelSpec("m", "m:C", "", max_contacts=0), "max_contacts"),
-        (lambda: ModelSpec("m", "m:C", "", encoders=()), "a tuple of kinds"),
-        (lambda: ModelSpec("m", "m:C", "", encoders="heat"), "a tuple of kinds"),  # type: ignore[arg-type]
-        (lambda: ModelSpec("m", "m:C", "", encoders=("a b",)), "a tuple of kinds"),
+        (lambda: ModelSpec("m", "m:C", "", encoders=()), "a tuple of names"),
+        (lambda: ModelSpec("m", "m:C", "", encoders="heat"), "a tuple of names"),  # type: ignore[arg-type]
+        (lambda: ModelSpec("m", "m:C", "", encoders=("a b",)), "a tuple of names"),
         (lambda: ModelSpec("m", "m:C", "", default_encoder="e"), "of a model that uses one"),
         (lambda: ModelSpec("m", "m:C", "", uses_encoder=True, default_encoder="e f"), "the name"),
         (lambda: EncoderSpec("e", "m:C", "", kind=""), "kind ''"),
