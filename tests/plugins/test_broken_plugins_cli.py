@@ -91,7 +91,7 @@ def test_doctor_names_every_broken_plugin_and_why(tactibench: Any, broken: None)
         "'twin' (dist-twin 1.2): its command 'run' is a built-in verb",
         "'hollow' (dist-hollow 1.2): model 'hollow' cannot be used, because dist_outsider_heavy:No",
         "'hollow' (dist-hollow 1.2): dist_outsider_heavy:Model is no click command",
-        "'hollow' (dist-hollow 1.2): encoder 'older' cannot be used, because dist_outsider_heavy:Ol",
+        "'hollow' (dist-hollow 1.2): encoder 'older' cannot be used, because dist_outsider_heavy:O",
         "'twin' (dist-twin 1.2): command 'run' cannot be used",
     ]:
         assert sum(words in line for line in complaints) == 1, (words, complaints)
