@@ -79,7 +79,7 @@ class _File(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    sweep: Annotated[tuple[SweepSpec, ...], Field(min_length=1)]
+    sweep: tuple[SweepSpec, ...]
 
 
 @dataclass(frozen=True)

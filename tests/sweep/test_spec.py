@@ -160,14 +160,13 @@ def test_a_file_of_several_sweeps_asks_for_every_run_once(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('[[sweep]]\nprotocol = "exp1"\n', "'model' is missing"),
+        ('[[sweep]]\nprotocol = "exp1"\n', "the key 'sweep.1.model' is missing; add"),
         (
             '[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n'
             '[[sweep]]\nprotocol = "exp1"\nmodel = "x"\n',
             "sweep 2: ",
         ),
         ('[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n[more]\nseed = 1\n', "unknown key 'more'"),
-        ("sweep = []\n", "sweep"),
     ],
 )
 def test_mistakes_in_one_of_several_sweeps(
