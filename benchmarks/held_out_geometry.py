@@ -25,8 +25,7 @@ from tactibench.metrics import Trials, ospa
 from tactibench.plugins import PluginHost, SensorContext
 from tactibench.protocols import PATIENCE, Workspace, fits, load_protocol
 from tactibench.records import cache_folder
-from tactibench.report import Column, print_table
-from tactibench.report.table import table
+from tactibench.report import Column, print_table, table
 from tactibench.run import NullReporter, RunRequest, make_plan, train_model
 from tactibench.stats import mean_interval
 from tactibench.sweep import read_choice

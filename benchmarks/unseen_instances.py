@@ -33,8 +33,7 @@ from tactibench.metrics.score import score
 from tactibench.plugins import PluginHost
 from tactibench.protocols import load_protocol
 from tactibench.records import RECORD, StoredRun, cache_folder, open_run
-from tactibench.report import Column, print_table
-from tactibench.report.table import table
+from tactibench.report import Column, print_table, table
 from tactibench.run import (
     NullReporter,
     RunRequest,

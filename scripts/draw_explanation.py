@@ -28,9 +28,9 @@ from tactibench.report import (
     new_figure,
     plain,
     save_png,
+    table,
     table_lines,
 )
-from tactibench.report.table import table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, IMAGES = ROOT / "docs" / "explanation.md", ROOT / "docs" / "images"

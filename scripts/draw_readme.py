@@ -16,8 +16,7 @@ import click
 from tactibench.board import OverviewLine, model_text, read_submissions
 from tactibench.board.overview import overview
 from tactibench.protocols import load_protocol, overview_spec, shipped_files
-from tactibench.report import table_lines
-from tactibench.report.overview_table import overview_table
+from tactibench.report import overview_table, table_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "README.md", ROOT / "docs" / "images" / "instances.png"

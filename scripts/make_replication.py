@@ -34,9 +34,9 @@ from tactibench.report import (
     fixed,
     metric_number,
     number,
+    table,
     table_lines,
 )
-from tactibench.report.table import table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, BOARD = ROOT / "docs" / "replication.md", ROOT / "leaderboards"
@@ -139,7 +139,7 @@ def results(board: Board) -> Table:
     """Return the table of printed and measured results, a line for each system and recipe."""
     columns = METRICS[board.protocol]
     heads: list[Head] = [
-        Column("system", right=False, who=True),
+        "system",
         "where",
         Column("n"),
         *(Column(head) for *_, head, _ in columns),
@@ -184,7 +184,7 @@ second."""
 def differences(boards: Mapping[str, Board]) -> Table:
     """Return the table of the claimed differences, press by press, with their intervals."""
     heads: list[Head] = [
-        Column("difference", right=False, who=True),
+        "difference",
         "error",
         Column("the paper's recipe"),
         Column("default"),

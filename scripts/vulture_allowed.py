@@ -47,3 +47,9 @@ scores
 timestamps
 too_many
 truth_hidden
+commits
+cores_physical
+filters
+memory_gib
+python
+signatures

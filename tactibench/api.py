@@ -212,10 +212,10 @@ def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
     """
     from tactibench.board import check_folder
     from tactibench.protocols import load_protocol
-    from tactibench.report import protocol_rows
+    from tactibench.report import board_rows
 
     check_folder(Path(board))
-    return _frame(protocol_rows(Path(board), load_protocol(protocol)))
+    return _frame(board_rows(Path(board), [load_protocol(protocol)]))
 
 
 @dataclass(frozen=True)
@@ -440,7 +440,7 @@ def plot_limit(
     Raises:
         UserError: Something does not exist or does not fit, or the sensor knows no bound.
     """
-    from tactibench.report.limit_data import limit_data
+    from tactibench.report import limit_data
 
     return Plot(
         limit_data(

@@ -51,20 +51,20 @@ def show(protocol: str, board_folder: Path) -> None:
     from tactibench.board import check_folder
     from tactibench.cli.output import Terminal
     from tactibench.protocols import load_protocol
-    from tactibench.report import first_tables, print_table
+    from tactibench.report import committed_page, print_table
 
     check_folder(board_folder)
     loaded = load_protocol(protocol)
     name = loaded.spec.id
-    tables = [first for first, _ in first_tables(board_folder, loaded)]
-    if not tables:
+    sections = committed_page(loaded, board_folder).sections
+    if not sections:
         raise UserError(
             f"{board_folder} has no ranked rows of {name}; `tactibench board add RUN` adds one."
         )
     terminal = Terminal()
-    for number, first in enumerate(tables):
-        terminal.say("\n" if number else "")
-        print_table(terminal.out, first)
+    for number, section in enumerate(sections):
+        terminal.say(("\n" if number else "") + section.title)
+        print_table(terminal.out, section.tables[0])
     terminal.say(f"all tables: {board_folder / name}.md")
 
 
@@ -206,30 +206,27 @@ def verify(
         ctx.exit(1)
 
 
-@board.command(short_help="the figures of all boards as JSON, CSV or LaTeX")
+@board.command(short_help="the figures of all boards as JSON or CSV")
 @board_option
 @json_option
 @output_file("--csv", "csv_file", help="Write the figures here, a line a metric.")
-@output_file("--latex", "latex_file", help="Write the first tables here, for a paper.")
-def export(
-    board_folder: Path, json_file: Path | None, csv_file: Path | None, latex_file: Path | None
-) -> None:
-    """Write the figures of all boards as JSON, CSV or LaTeX files."""
+def export(board_folder: Path, json_file: Path | None, csv_file: Path | None) -> None:
+    """Write the figures of all boards as JSON or CSV files, a line a metric.
+
+    In Python, `api.load_board(PROTOCOL)` returns them as a pandas frame, which writes LaTeX, too.
+    """
     from tactibench.board import check_folder
     from tactibench.records import atomic
-    from tactibench.report import board_csv, board_latex, tidy_rows
+    from tactibench.report import board_csv, board_rows
 
-    if json_file is csv_file is latex_file is None:
-        raise UserError("nothing to write; name a file with --json, --csv or --latex.")
+    if json_file is csv_file is None:
+        raise UserError("nothing to write; name a file with --json or --csv.")
     check_folder(board_folder)
-    rows = tidy_rows(board_folder)
+    rows = board_rows(board_folder)
     save_json(json_file, rows)
     if csv_file is not None:
         with atomic(csv_file) as stream:
             stream.write(board_csv(rows).encode())
-    if latex_file is not None:
-        with atomic(latex_file) as stream:
-            stream.write(board_latex(board_folder).encode())
 
 
 @board.command("time", short_help="time the models of all runs in turns, on a quiet machine")

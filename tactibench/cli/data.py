@@ -106,8 +106,7 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     """
     from tactibench.cli.output import Terminal
     from tactibench.datasets import ImportOptions, fit_recording, open_recording, presses_to_fit
-    from tactibench.report import Column, Head, print_table
-    from tactibench.report.table import table
+    from tactibench.report import Column, Head, print_table, table
 
     terminal = Terminal()
     recording = open_recording(folder)

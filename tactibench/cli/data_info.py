@@ -82,8 +82,7 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
 
 
 def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:
-    from tactibench.report import print_table
-    from tactibench.report.table import table
+    from tactibench.report import print_table, table
 
     presses = len(set(recording.presses))
     rest = "none"
@@ -112,8 +111,7 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
 
 
 def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
-    from tactibench.report import Cell, Column, Head, Number, fixed, print_table
-    from tactibench.report.table import table
+    from tactibench.report import Cell, Column, Head, Number, fixed, print_table, table
 
     changing = [label for label in labels if not label.constant]
     terminal.say("")

@@ -65,9 +65,7 @@ store_option = folder_option("--store", default="runs", help_text="The run store
 board_option = folder_option(
     "--board", "board_folder", default="leaderboards", help_text="Folder of the leaderboards."
 )
-full_option = click.option(
-    "--full", is_flag=True, help="Print all tables, published rows and other runs of the store."
-)
+full_option = click.option("--full", is_flag=True, help="Print all tables and published rows.")
 json_option = output_file("--json", "json_file", help="Write the results here, as JSON.")
 picture_option = picture_file("--out", "Draw the picture.")
 

@@ -13,7 +13,7 @@ from rich.segment import Segment
 from tactibench.errors import printable
 from tactibench.plugins import Progress
 from tactibench.protocols import Axis
-from tactibench.records import RECORD, Record, StoredRun, stored_runs
+from tactibench.records import RECORD, StoredRun, stored_runs
 from tactibench.report import progress_on
 
 
@@ -64,10 +64,10 @@ def show_run(
         run: That is shown.
         store: Other runs, for the pictures.
         board: Folder of the leaderboards, for the place of the run.
-        full: Print all tables, published rows and other runs of the store.
+        full: Print all tables and published rows.
     """
     from tactibench.board import place_run
-    from tactibench.report import place_line, print_glossary, print_summary, update_pictures
+    from tactibench.report import place_line, print_summary, update_pictures
 
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
     pictures = update_pictures(run, others)
@@ -75,14 +75,13 @@ def show_run(
     if not full:
         print_summary(terminal.out, run.record, run.folder, place, board)
         return
-    _print_all(terminal, run, [other.record for other in others])
+    _print_all(terminal, run)
     for picture in pictures:
         terminal.say(f"picture: {picture}")
-    print_glossary(terminal.out, run.record)
     terminal.say(place_line(run.record, run.folder, place, board))
 
 
-def _print_all(terminal: Terminal, run: StoredRun, others: list[Record]) -> None:
+def _print_all(terminal: Terminal, run: StoredRun) -> None:
     from tactibench.protocols import PublishedTable, published_for, version_of
     from tactibench.report import print_run
     from tactibench.shipped import shipped_folder
@@ -99,4 +98,4 @@ def _print_all(terminal: Terminal, run: StoredRun, others: list[Record]) -> None
             for table in published_for(protocol.spec, shipped_folder("published"))
             if not table.sensor or (recorded is not None and recorded.sensor == table.sensor)
         ]
-    print_run(terminal.out, record, run.folder / RECORD, published, others, axes)
+    print_run(terminal.out, record, run.folder / RECORD, published, axes)

@@ -27,7 +27,7 @@ from tactibench.report import AUTO, BOARD, BOTH, ORIGINS, RUNS
     metavar="DIR",
     help="Write a site into this folder instead: an index and a page a protocol, to host as "
     "static files. Every row has a link of its own. Without --from it shows the boards, or the "
-    "runs of --store where that is named; earlier versions of protocols included.",
+    "runs of --store where that is named.",
 )
 @store_option
 @board_option
@@ -59,8 +59,8 @@ def report(
 ) -> None:
     """Write the boards, or stored runs, as one HTML file that needs no network.
 
-    It holds tables that sort and filter, speed against error, error against distance, the worst
-    frames of stored runs, the plan and the environment.
+    It holds tables that sort and filter, speed against error, error against distance, and the worst
+    frames of stored runs.
 
     \b
     tactibench report --out report.html

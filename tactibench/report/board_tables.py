@@ -7,72 +7,119 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from tactibench.board import (
+    Case,
     Curve,
-    FittedFrames,
+    FamilyErrors,
+    OverviewLine,
     PooledMetric,
     Ranks,
     Row,
-    Step,
     by_machine,
     counts,
+    family_errors,
     fitted_frames,
     frames_per_second,
+    label_of,
     latency,
     machine,
+    prior_of,
     row_anchor,
     settled,
 )
+from tactibench.protocols import (
+    Axis,
+    BoardSpec,
+    PublishedRow,
+    PublishedTable,
+    Ranking,
+    load_protocol,
+    overview_spec,
+    rows_for,
+)
 from tactibench.protocols import Block as BoardTable
-from tactibench.protocols import BoardSpec, Ranking
 from tactibench.protocols import Column as MetricColumn
 from tactibench.records import Record
-from tactibench.report.document import Block, Bullets, Group, Prose
-from tactibench.report.labels import named
-from tactibench.report.numbers import (
+from tactibench.report.labels import (
+    HEADS,
     Format,
     duration,
     fixed,
+    general,
+    named,
     number,
     plural,
     scaled,
     significant,
     span,
 )
-from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
+from tactibench.report.tables import Cell, Column, Head, Number, Table, Text, metric_number, table
 
-IDENTITY = (
-    Column("model", right=False, who=True),
-    Column("encoder", right=False, detail=True),
-    Column("regime", right=False, detail=True),
-    Column("prior knowledge", right=False, detail=True),
-    Column("seeds", detail=True),
-)
-FITTED = Column(
-    "labelled frames besides",
-    title="labelled frames of the tested sensor to which something else was fitted: a simulator, "
-    "offset and pivot of its labels",
-)
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
+WITH_INTERVALS = 2
+"""Most models whose intervals fit beside each other."""
+PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distance error, mm"}
+DOUBLING_NOTE = (
+    "Value at which the error is twice that of the easy case, linear between the cases; below "
+    'it, where the ends of the ratios\' 95 % intervals reach two. "<", ">": not doubled at '
+    "the hardest case, which stands behind it. n/a: the easy case costs more than half the "
+    "gate already. A model with a small error doubles it early."
+)
 
 
-def identity(row: Row) -> list[Cell]:
-    """Return the cells of IDENTITY; trivial models are in italics."""
-    prior = "" if row.prior == "none" else f"prior knowledge: {row.prior}"
-    details = (row.encoder, row.regime, prior, plural(len(row.records), "seed"))
-    model = f"{row.model} {BELOW}" if row.below_bound else row.model
-    return [
-        Text(model, "italic" if row.trivial else "", ", ".join(filter(None, details))),
-        row.encoder or "none",
-        row.regime,
-        row.prior,
-        seed_count(len(row.records)),
-    ]
+def board_table(
+    rows: Sequence[Row],
+    heads: Sequence[str],
+    body: Sequence[Sequence[Cell]],
+    *,
+    title: str,
+    notes: Iterable[str] = (),
+    ranks: Ranks | None = None,
+) -> Table | None:
+    """Return a table of rows of a board, without columns and rows that hold no value.
+
+    Args:
+        rows: Rows, in the order of the table.
+        heads: Names of the columns behind the name of the row.
+        body: Cells of every row.
+        title: Heading of the table.
+        notes: Sentences below the table.
+        ranks: Ranks of the rows, for a column before the others; the names of the rows then say
+            prior knowledge and seeds, and a page can be linked to them. None: no such column.
+
+    Returns:
+        None where nothing is left.
+    """
+    shown = [k for k, cells in enumerate(body) if any(cell is not None for cell in cells)]
+    used = [c for c in range(len(heads)) if any(body[k][c] is not None for k in shown)]
+    if not used:
+        return None
+    cells: list[list[Cell]] = []
+    for k in shown:
+        rank = None if ranks is None else ranks.by_row[k]
+        first = [] if ranks is None else [None if rank is None else Number(rank, fixed(0))]
+        name = row_name(rows[k], details=ranks is not None)
+        cells.append([*first, name, *(body[k][c] for c in used)])
+    left_out = len(rows) - len(shown)
+    gaps = f"{plural(left_out, 'row')} without a value not shown." if left_out else ""
+    first_heads = ["model"] if ranks is None else [Column("rank"), "model"]
+    columns = [*first_heads, *(Column(heads[c]) for c in used)]
+    anchors = () if ranks is None else [row_anchor(rows[k]) for k in shown]
+    return table(columns, cells, title=title, notes=(*notes, gaps), anchors=anchors)
 
 
-def seed_count(count: int) -> str:
-    """Return "3", or "1 seed", which warns that nothing is known of the spread of seeds."""
-    return "1 seed" if count == 1 else str(count)
+def row_name(row: Row, *, details: bool = False) -> Text:
+    """Return the label of a row, in italics for a trivial model.
+
+    Args:
+        row: The row.
+        details: Whether prior knowledge and the number of seeds stand below.
+    """
+    known = prior_of(row.first)  # how many frames were mixed stands in the label
+    prior = "" if known == "none" else f"prior knowledge: {known}, "
+    label = f"{row.label} {BELOW}" if row.below_bound else row.label
+    below = f"{prior}{plural(len(row.records), 'seed')}" if details else ""
+    return Text(label, "italic" if row.trivial else "", below)
 
 
 def metric_blocks(spec: BoardSpec, rows: Iterable[Row]) -> tuple[BoardTable, ...]:
@@ -96,44 +143,33 @@ def metric_blocks(spec: BoardSpec, rows: Iterable[Row]) -> tuple[BoardTable, ...
 
 
 def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = None) -> Table | None:
-    """Return the table of a board; None where it is optional and no row has its first column.
+    """Return the table of a board; None where no row has its first column.
 
     Args:
         spec: Metrics of the table.
         rows: Rows, in the order of the table.
-        ranks: Ranks of the rows, for a column before the others; None: no such column.
+        ranks: Ranks of the rows; None: they are not ranked here.
     """
     first = spec.columns[0]
+    if spec.sorted:
+        rows = sorted(rows, key=lambda row: _first_value(row, first))
     pooled = [row.metric(first.metric, first.group) for row in rows]
     if spec.optional and not any(pooled):
         return None
-    if spec.sorted:
-        rows = sorted(rows, key=lambda row: _first_value(row, first))
-    heads: list[Column | str] = [*IDENTITY]
-    for column in spec.columns:
-        heads.append(Column(column.head))
-        if column.spread:
-            title = f"standard deviation over training seeds of {column.head}"
-            heads.append(Column("sd", title=title, spread=True))
-    body = [[*identity(row), *_metric_cells(row, spec)] for row in rows]
     fitted = [fitted_frames(row.first) for row in rows]
+    heads = [column.head for column in spec.columns]
+    body: list[list[Cell]] = [[_metric_cell(row, c, spec) for c in spec.columns] for row in rows]
     if any(fitted):
-        heads.insert(len(IDENTITY), FITTED)
+        heads.insert(0, "labelled frames besides")
         for cells, frames in zip(body, fitted, strict=True):
-            cells.insert(len(IDENTITY), _fitted(frames))
-    if ranks is not None:
-        heads.insert(0, Column("rank"))
-        body = [
-            [rank if rank is None else Number(rank, fixed(0)), *cells]
-            for rank, cells in zip(ranks.by_row, body, strict=True)
-        ]
+            unknown = frames is not None and frames.labels is None
+            count = 0 if frames is None else frames.known
+            cells.insert(0, f"more than {count:,}" if unknown else Number(count, fixed(0)))
     presses = [count for value in pooled if value is not None for count in value.clusters]
     counted = f"{span(presses)} presses." if presses else ""
     ranking = () if ranks is None else (ranks.note, _unsure(ranks, rows))
-    note = " ".join(filter(None, (counted, *ranking)))
-    result = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
-    linked = ranks is not None and not spec.apart  # a row has one place to link to
-    return result if not linked else replace(result, anchors=tuple(map(row_anchor, rows)))
+    notes = (spec.note, counted, *ranking)
+    return board_table(rows, heads, body, title=spec.title, notes=notes, ranks=ranks)
 
 
 def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Ranking) -> Table | None:
@@ -147,21 +183,18 @@ def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Rankin
     Returns:
         None where no row was tested on the protocol's own test.
     """
-    if not any(own):
-        return None
 
     def written(row: Row | None) -> Cell:
         pooled = None if row is None else row.metric(error.metric, error.group)
         return metric_number(pooled, error.decimals)
 
-    body = [
-        [*identity(tested), written(tested), written(on_own_test)]
-        for tested, on_own_test in zip(rows, own, strict=True)
-    ]
+    if not any(own):
+        return None
+    body = [[written(here), written(there)] for here, there in zip(rows, own, strict=True)]
     head = f"{error.name}, {error.unit}"
-    heads = [*IDENTITY, Column(f"here: {head}"), Column(f"the protocol's own test: {head}")]
+    heads = (f"here: {head}", f"the protocol's own test: {head}")
     note = "The same weights on both; each interval is over the presses of its own test."
-    return table(heads, body, title="Beside the protocol's own test", note=note)
+    return board_table(rows, heads, body, title="Beside the protocol's own test", notes=[note])
 
 
 def _unsure(ranks: Ranks, rows: Sequence[Row]) -> str:
@@ -170,7 +203,7 @@ def _unsure(ranks: Ranks, rows: Sequence[Row]) -> str:
         return ""
     labels = "; ".join(rows[k].label for k in sorted(ranks.unsure))
     return (
-        "Not told apart from the first row of their rank, although rows with a smaller error are: "
+        f"These rows share the rank of a row with a smaller error, because their seeds scatter: "
         f"{labels}."
     )
 
@@ -180,141 +213,66 @@ def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:
     return (True, 0.0) if pooled is None else (False, pooled.value)
 
 
-def _fitted(frames: FittedFrames | None) -> Cell:
-    if frames is None:
-        return Number(0, fixed(0))
-    if frames.labels is None:
-        return f"more than {frames.known:,}"
-    return Number(frames.known, "{:,.0f}".format)
-
-
-def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:
-    for column in spec.columns:
-        if column.interpolated:
-            yield _count_interpolated(row, column)
-            continue
-        pooled = row.metric(column.metric, column.group)
-        if pooled is not None and column.percent:
-            pooled = replace(pooled, unit="share")
-        below = _share_below(row, column, spec)
-        yield metric_number(pooled, column.decimals, interval=column.interval, below=below)
-        if column.spread:
-            yield _spread(pooled, column.decimals)
-
-
-def _count_interpolated(row: Row, column: MetricColumn) -> str | None:
-    """Return "2 of 3", the seeds with a value whose value is interpolated."""
-    metrics = [record.metric(column.metric, column.group) for record in row.records]
-    methods = [metric.method for metric in metrics if metric and metric.value is not None]
-    return f"{methods.count('interpolated')} of {len(methods)}" if methods else None
-
-
-def _spread(pooled: PooledMetric | None, decimals: int) -> Number | None:
-    if pooled is None or pooled.sd is None:
-        return None
-    return Number(pooled.sd * (100.0 if pooled.unit == "share" else 1.0), fixed(decimals))
-
-
-def _share_below(row: Row, column: MetricColumn, spec: BoardTable) -> str:
-    """Return the share that qualifies an error and stands below it, or ""."""
+def _metric_cell(row: Row, column: MetricColumn, spec: BoardTable) -> Cell:
+    """Return a value over seeds; below it the share that qualifies it, and the seeds' sd."""
+    if column.interpolated:  # "2 of 3" seeds with a value have one between the measured distances
+        metrics = [record.metric(column.metric, column.group) for record in row.records]
+        methods = [metric.method for metric in metrics if metric and metric.value is not None]
+        return f"{methods.count('interpolated')} of {len(methods)}" if methods else None
+    pooled = row.metric(column.metric, column.group)
+    if pooled is not None and column.percent:
+        pooled = replace(pooled, unit="share")
     share = spec.below.get(column.metric)
-    pooled = None if share is None else row.metric(share, column.group)
-    return "" if pooled is None else f"{number(100 * pooled.value, 0)} %"
+    part = None if share is None else row.metric(share, column.group)
+    below = [] if part is None else [f"{number(100 * part.value, 0)} %"]
+    if pooled is not None and pooled.sd is not None and column.spread:
+        scale = 100.0 if pooled.unit == "share" else 1.0
+        below.append(f"sd {number(scale * pooled.sd, column.decimals)}")
+    return metric_number(pooled, column.decimals, interval=column.interval, below=", ".join(below))
 
 
-def cost_blocks(rows: Sequence[Row]) -> list[Block]:
-    """Return the tables of latency and cost, folded behind a title."""
+def cost_table(rows: Sequence[Row]) -> Table | None:
+    """Return speed and cost, a line for every row and machine."""
     parts = [part for row in rows for part in by_machine(row)]
-    latencies = table(
-        (
-            *IDENTITY,
-            Column("p90, ms"),
-            Column("sd", title="standard deviation over training seeds of p90, ms", spread=True),
-            *map(Column, ("p50, ms", "p90, all threads, ms", "frames/s", "to float32, mm")),
-            "timed as",
-            "machine",
-        ),
-        [[*identity(row), *_latency_cells(row)] for row in parts],
-        title="Latency",
+    heads = (
+        "p90, ms",
+        "p50, ms",
+        "p90, all threads, ms",
+        "frames/s",
+        "weights",
+        "operations",
+        "memory, MB",
+        "training",
+        "machine",
     )
-    costs = table(
-        (
-            *IDENTITY,
-            *map(Column, ("weights", "operations", "memory, MB", "training")),
-            Column(
-                "sd, s",
-                title="standard deviation over training seeds of the training time",
-                spread=True,
-            ),
-            "trained on",
-            "machine",
-        ),
-        [[*identity(row), *_cost_cells(row)] for row in parts],
-        title="Cost",
-    )
-    return [Group("Latency and cost", (latencies, costs))]
+    return board_table(parts, heads, [[*_costs(row)] for row in parts], title="Speed and cost")
 
 
-def machine_list(rows: Iterable[Row]) -> list[Block]:
-    """Return the machines behind the fingerprints of timed rows."""
-    records = (record for row in rows for record in row.records if record.speed)
-    machines = {machine(record): record for record in records}
-    named = tuple(
-        (Text(name, "code"), Prose(": "), _machine(record))
-        for name, record in sorted(machines.items())
-    )
-    return [Group("Machines", (Bullets(named),))] if named else []
-
-
-def _latency_cells(row: Row) -> Iterator[Cell]:
-    times = row.over(lambda record: latency(record, threads=1))
-    mark = "" if settled(row) else "*"
-    yield Number(statistics.fmean(times), significant, mark=mark) if times else None
-    yield _deviation(times, lambda value: significant(value, 2))
+def _costs(row: Row) -> Iterator[Cell]:
+    yield p90(row)
     yield _mean(row, lambda r: latency(r, threads=1, statistic="p50_ms"), significant)
     yield _mean(row, lambda r: latency(r, threads=None), significant)
     yield _mean(row, frames_per_second, fixed(0))
-    yield _mean(row, lambda record: record.timed.difference_mm, fixed(4))
-    yield _each_once(row, lambda record: record.timed.configuration)
+    yield _mean(row, lambda r: r.efficiency.parameters, scaled)
+    yield _mean(row, lambda r: r.efficiency.flops_per_frame, scaled)
+    yield _mean(row, lambda r: r.efficiency.peak_memory_mb, fixed(0))
+    yield _mean(row, lambda r: r.training.seconds, duration)
     yield Text(machine(row.first), "code")
 
 
-def _cost_cells(row: Row) -> Iterator[Cell]:
-    yield _mean(row, lambda record: record.efficiency.parameters, scaled)
-    yield _mean(row, lambda record: record.efficiency.flops_per_frame, scaled)
-    yield _mean(row, lambda record: record.efficiency.peak_memory_mb, "{:,.0f}".format)
-    training = row.over(lambda record: record.training.seconds)
-    yield Number(statistics.fmean(training), duration) if training else None
-    yield _deviation(training, "{:,.0f}".format)
-    yield _each_once(row, lambda record: record.training.device)
-    yield Text(machine(row.first), "code")
+def p90(row: Row) -> Number | None:
+    """Return the p90 of one frame on one thread, ms; a star marks a time that is not settled."""
+    mean = _mean(row, lambda record: latency(record, threads=1), significant)
+    return mean if mean is None or settled(row) else replace(mean, mark="*")
 
 
 def _mean(row: Row, quantity: Callable[[Record], float | None], write: Format) -> Number | None:
+    """Return the mean over seeds, with their standard deviation below."""
     values = row.over(quantity)
-    return Number(statistics.fmean(values), write) if values else None
-
-
-def _deviation(values: Sequence[float], write: Format) -> Number | None:
-    """Return the sample standard deviation over seeds, None for one seed."""
-    return Number(statistics.stdev(values), write) if len(values) > 1 else None
-
-
-def _each_once(row: Row, words: Callable[[Record], str | None]) -> str:
-    return "; ".join(sorted({words(record) or "n/a" for record in row.records}))
-
-
-def _machine(record: Record) -> str:
-    facts = record.environment
-    parts = [
-        facts.cpu,
-        f"{facts.cores_logical} logical cores" if facts.cores_logical else None,
-        ", ".join(facts.cpu_flags),
-        *(facts.gpu),
-        f"torch {facts.torch}" if facts.torch else None,
-        facts.os,
-    ]
-    return "; ".join(part for part in parts if part)
+    if not values:
+        return None
+    sd = statistics.stdev(values) if len(values) > 1 else 0.0
+    return Number(statistics.fmean(values), write, below=f"sd {significant(sd, 2)}" if sd else "")
 
 
 def curve_table(curves: Sequence[Curve], error: Ranking) -> Table | None:
@@ -325,22 +283,193 @@ def curve_table(curves: Sequence[Curve], error: Ranking) -> Table | None:
     body: list[list[Cell]] = []
     for curve in curves:
         steps = {step.presses: step for step in curve.steps}
-        body.append([curve.label, *(_step_number(steps.get(n), error.decimals) for n in presses)])
+        cells: list[Cell] = [curve.label]
+        for step in map(steps.get, presses):
+            sd = None if step is None or step.error is None else step.error.sd
+            below = "" if sd is None else f"sd {number(sd, error.decimals)}"
+            pooled = None if step is None else step.error
+            cells.append(metric_number(pooled, error.decimals, below=below))
+        body.append(cells)
     note = (
         f"{error.name[0].upper()}{error.name[1:]}, {error.unit}, by the presses that a model "
-        "learned from; the validation presses are the same in all. Below: the 95 % interval, and "
-        "the standard deviation over seeds, or how many there are."
+        "learned from; the validation presses are the same in all."
     )
-    heads: list[Head] = [
-        Column("model", right=False, who=True),
-        *(Column(f"{n:,}") for n in presses),
-    ]
-    return table(heads, body, title="Learning curve", note=note)
+    heads: list[Head] = ["model", *(Column(f"{n:,}") for n in presses)]
+    return table(heads, body, title="Learning curve", notes=[note])
 
 
-def _step_number(step: Step | None, decimals: int) -> Number | None:
-    if step is None or step.error is None:
+def hard_case_tables(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Table | None]:
+    """Return where errors double: by families that change the press, and by families of faults."""
+    families = [family_errors(row, axes) for row in rows]
+    pressed = [a for a in axes if a.ordered and a.reference.startswith(f"{a.family}:")]
+    faults = [axis for axis in axes if axis.ordered and axis not in pressed]
+    tables = []
+    for what, shown in (("what is pressed", pressed), ("the camera and its light", faults)):
+        body = [
+            [doubling_number(grade.doubles) for grade in grades if grade.axis in shown]
+            for grades in families
+        ]
+        heads, title = [family_head(axis) for axis in shown], f"Where the error doubles: {what}"
+        tables.append(board_table(rows, heads, body, title=title, notes=[DOUBLING_NOTE]))
+    return tables
+
+
+def family_head(axis: Axis) -> str:
+    """Return the name of a family with its unit, such as "grazing, mm"."""
+    return f"{axis.family}, {axis.unit}" if axis.unit else axis.family
+
+
+def doubling_number(pooled: PooledMetric | None) -> Number | None:
+    """Return the value at which an error doubles: "0.21" with its interval, or "> 6.5"."""
+    if pooled is None:
         return None
-    sd = step.error.sd
-    below = seed_count(step.seeds) if sd is None else f"sd {number(sd, decimals)}"
-    return metric_number(step.error, decimals, below=below)
+    return Number(pooled.value, general, (pooled.low, pooled.high), pooled.censored or "")
+
+
+def family_table(row: Row, axes: Sequence[Axis]) -> Table:
+    """Return the errors of one row on the easy and the hardest case of every family."""
+    heads: list[Head] = [
+        "family",
+        *map(Column, ("easy", "mm", "hardest", "mm", "missed, %", "worst ratio")),
+        "doubles at",
+    ]
+    title = "Error by family, from the easy case to the hardest"
+    return table(heads, [_family_cells(grade) for grade in family_errors(row, axes)], title=title)
+
+
+def _family_cells(grade: FamilyErrors) -> list[Cell]:
+    first, last = grade.cases[0], grade.cases[-1]
+    graded = len(grade.cases) > 1
+    return [
+        family_head(grade.axis),
+        f"{first.value:g}" if graded else "",
+        _error(first) if graded else "",
+        f"{last.value:g}" if graded else "",
+        _error(last),
+        "" if last.missed is None else Number(100 * last.missed.value, fixed(1)),
+        "" if grade.worst is None else Number(grade.worst.value, fixed(1)),
+        doubling_number(grade.doubles) if grade.axis.ordered else "",
+    ]
+
+
+def _error(case: Case) -> Number | None:
+    return None if case.error is None else Number(case.error.value, fixed(3))
+
+
+def doubling_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
+    """Return the values at which errors double: one row a family, one column a model."""
+    families = [family_errors(row, axes) for row in rows]
+    few = len(rows) <= WITH_INTERVALS
+    body: list[list[Cell]] = []
+    for k, axis in enumerate(axes):
+        if axis.ordered:
+            numbers = [doubling_number(grades[k].doubles) for grades in families]
+            shown = [n if n is None or few else replace(n, interval=None) for n in numbers]
+            body.append([family_head(axis), f"{axis.easy:g} to {axis.values[-1]:g}", *shown])
+    heads = ["family", "easy to hardest", *(row.label for row in rows)]
+    title = "Where the error doubles" + (": value [95 % interval]" if few else "")
+    return table(heads, body, title=title)
+
+
+def overview_table(
+    lines: Iterable[OverviewLine],
+    *,
+    interval: bool = True,
+    regime: bool = True,
+    link: Callable[[str], str] = lambda _: "",
+) -> Table:
+    """Return the overview as a table: one line for each model, over several boards.
+
+    Args:
+        lines: Lines of the overview, in their order.
+        interval: Whether intervals stand below the values.
+        regime: Whether a name says in which regime the model was trained.
+        link: Makes the link to a row of the first protocol from its anchor.
+    """
+    spec = overview_spec()
+    heads: list[Head] = [
+        "model",
+        "prior knowledge",
+        *(Column(column.head) for column in spec.columns),
+        Column("worst hard case: OSPA, mm"),
+        Column("p90, one thread, ms"),
+        Column("training"),
+    ]
+    rows: list[list[Cell]] = []
+    for line in lines:
+        row, worst = line.row, line.worst
+        cells = (
+            metric_number(value, column.decimals, interval=interval)
+            for value, column in zip(line.values, spec.columns, strict=True)
+        )
+        name = Text(line_name(row, regime=regime), link=link(row_anchor(row)))
+        hard = None if worst is None else Number(worst.error_mm, fixed(1), below=worst.family)
+        costs = (p90(row), _mean(row, lambda record: record.training.seconds, duration))
+        shown = (None if cost is None else replace(cost, below="") for cost in costs)
+        rows.append([name, row.prior, *cells, hard, *shown])
+    return table(heads, rows, title="Models over all boards", notes=[spec.note])
+
+
+def line_name(row: Row, *, regime: bool = True) -> str:
+    """Return the label of a row, with its training sensor where that is not the protocol's own."""
+    default = load_protocol(row.first.protocol.id).spec.defaults.sensor
+    sensor = row.first.sensor.text()
+    label = label_of(row.first, regime=regime)
+    return label if sensor == default else f"{label}, trained on {sensor}"
+
+
+def published_table(paper: PublishedTable, protocol: str) -> Table | None:
+    """Return the rows of a paper on a protocol, with its source and notes; None for none.
+
+    Its columns are the metrics and groups that any of its rows has. No value has more decimals than
+    the paper prints.
+    """
+    rows = rows_for(protocol, paper)
+    if not rows:
+        return None
+    metrics = list(
+        dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items() for g in groups)
+    )
+    rated = any(row.speed for row in rows)
+    digits = {metric: _printed_decimals(metric, rows) for metric, _ in metrics}
+    heads: list[Head] = ["model", "regime"]
+    heads += [
+        Column(PUBLISHED_HEADS.get(m, m) + ("" if g == "all" else f", {g}")) for m, g in metrics
+    ]
+    body: list[list[Cell]] = [
+        [
+            row.model,
+            row.regime,
+            *(_printed_number(row, m, g, digits[m]) for m, g in metrics),
+            f"{row.n:,} {row.unit}" if row.n else None,
+            *([_rate(row)] if rated else []),
+            row.comparable,
+            row.source,
+        ]
+        for row in rows
+    ]
+    source = f"{paper.authors}, {paper.title}, {paper.year}. Measured on: {paper.measured_on}."
+    notes = (source, *dict.fromkeys((*(row.note for row in rows), *paper.notes)))
+    heads += [Column("n"), *(["speed"] if rated else []), "comparable", "source"]
+    return table(heads, body, title=paper.name, notes=notes)
+
+
+def _rate(row: PublishedRow) -> str | None:
+    speed = row.speed
+    return None if speed is None else f"{speed.phase} {speed.per_s:g}/s, {speed.hardware}"
+
+
+def _printed_number(row: PublishedRow, metric: str, group: str, digits: int) -> Number | None:
+    value = row.value(metric, group)
+    if value is None:
+        return None
+    digits = min(digits, row.decimals)
+    if metric == "coverage":
+        return Number(100 * value, f"{{:.{digits - 2}f}}".format)
+    return Number(value, f"{{:.{digits}f}}".format)
+
+
+def _printed_decimals(metric: str, rows: Sequence[PublishedRow]) -> int:
+    """Return the decimals that a paper prints of a metric: the most that any value has."""
+    values = [value for row in rows for value in row.metrics.get(metric, {}).values()]
+    return max((len(str(value).partition(".")[2]) for value in values), default=0)

@@ -5,43 +5,55 @@ The runs are the committed records of a board, and the complete runs of a store.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.figure import Figure
 
 from tactibench.board import (
+    Curve,
+    Frontier,
+    Range,
     Row,
     all_records,
     curves,
+    family_errors,
     frontiers,
     gather_records,
+    machine,
     new_sensor_curves,
     ordered,
     ranking_error,
     sections_of,
     select_section,
+    settled,
     whole,
 )
 from tactibench.board.sections import left_out
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols import load_protocol
-from tactibench.report.hard_cases import doubling_table
-from tactibench.report.numbers import plural
-from tactibench.report.plot_tables import (
-    JsonRows,
-    curve_rows,
-    curve_steps_table,
-    frontier_remarks,
-    frontier_rows,
-    frontier_table,
-    new_sensor_table,
-    stability_rows,
+from tactibench.protocols import Axis, Ranking, load_protocol
+from tactibench.report.board_tables import doubling_table
+from tactibench.report.curve_plots import (
+    LEARNING,
+    NEW_SENSOR,
+    curve_figure,
+    doubling_figure,
+    stability_figure,
 )
-from tactibench.report.table import Table
+from tactibench.report.frontier_plot import frontier_figure, off_nominal
+from tactibench.report.labels import Format, fixed, plural, significant
+from tactibench.report.style import CURVES
+from tactibench.report.tables import Cell, Column, Head, Number, Table, metric_number, table
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+JsonRows = list[dict[str, Any]]
+FRONTIER_NOTE = (
+    "Range: from the lowest end of the seeds' intervals to the highest; a time is at "
+    "least 2 % wide. Dominated: another of the same regime is better on both by more than "
+    "the ranges. *: the time is not settled. Trivial rows are left out."
+)
 
 
 @dataclass(frozen=True)
@@ -70,7 +82,7 @@ class PlotData:
 
 
 def frontier_data(
-    protocol: str, board: Path, runs: Path | None, sensor: str | None, machine: str | None
+    protocol: str, board: Path, runs: Path | None, sensor: str | None, fingerprint: str | None
 ) -> PlotData:
     """Return the models that are fast for their error, by regime.
 
@@ -79,7 +91,7 @@ def frontier_data(
         board: Folder of the leaderboards.
         runs: A run store; None: none.
         sensor: Name of the sensor; None: the nominal one.
-        machine: Fingerprint of the machine; None: that of most runs.
+        fingerprint: Fingerprint of the machine; None: that of most runs.
 
     Raises:
         UserError: There is nothing to show.
@@ -87,18 +99,21 @@ def frontier_data(
     records = whole(gather_records(protocol, board, runs))
     section = select_section(records, sensor, protocol)
     error = ranking_error(protocol)
-    regimes = frontiers(section.rows, error, _known_machine(machine, section.rows))
+    machines = sorted({machine(record) for row in section.rows for record in row.records})
+    if fingerprint is not None and fingerprint not in machines:
+        raise UserError(
+            f"no run was timed on a machine {fingerprint!r}; {did_you_mean(fingerprint, machines)}"
+        )
+    regimes = frontiers(section.rows, error, fingerprint)
     timed = [point for regime in regimes for point in regime.points]
     subject = f"{protocol}, {section.title.lower()}"
     if timed:
         subject += f", timed on {timed[0].row.first.environment.cpu} ({regimes[0].machine})"
-    remarks = list(frontier_remarks(regimes))
+    remarks = list(_frontier_remarks(regimes))
     if hidden := left_out(records, section):
         remarks.append(f"Left out: {plural(hidden, 'run')} on other sensors.")
 
     def draw() -> Figure:
-        from tactibench.report.plots.frontier import frontier_figure, off_nominal
-
         everywhere = sections_of(whole(all_records(protocol, board, runs)))
         other = off_nominal(protocol, section, everywhere, regimes)
         return frontier_figure(regimes, error, off_nominal=other, measured_on=subject)
@@ -107,21 +122,69 @@ def frontier_data(
         f"Speed against {error.name}",
         subject,
         tuple(frontier_table(regime, error) for regime in regimes),
-        [line for regime in regimes for line in frontier_rows(regime, error)],
+        [line for regime in regimes for line in _frontier_rows(regime, error)],
         draw,
         tuple(remarks),
     )
 
 
-def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
-    from tactibench.board import machine as machine_of
+def frontier_table(frontier: Frontier, error: Ranking) -> Table:
+    """Return the points of one regime as a table, sorted by latency."""
 
-    machines = sorted({machine_of(record) for row in rows for record in row.records})
-    if machine is not None and machine not in machines:
-        raise UserError(
-            f"no run was timed on a machine {machine!r}; {did_you_mean(machine, machines)}"
+    def ranged(value: Range, write: Format, mark: str = "") -> Number:
+        return Number(value.value, write, (value.low, value.high), mark=mark)
+
+    heads: list[Head] = [
+        f"regime {frontier.regime}",
+        Column("seeds"),
+        "p90 and range, ms",
+        f"error and range, {error.unit}",
+        "",
+    ]
+    rows = [
+        (
+            point.label,
+            str(len(point.row.records)),
+            ranged(point.latency, significant, "" if settled(point.row) else "*"),
+            ranged(point.error, fixed(error.decimals)),
+            frontier.verdict(point),
         )
-    return machine
+        for point in frontier.points
+    ]
+    return table(heads, rows)
+
+
+def _frontier_remarks(regimes: Sequence[Frontier]) -> Iterator[str]:
+    """Yield how to read the tables and what they leave out, one sentence each."""
+    yield FRONTIER_NOTE
+    if elsewhere := sum(frontier.elsewhere for frontier in regimes):
+        here = regimes[0].machine
+        yield f"Left out: {plural(elsewhere, 'run')} timed on another machine than {here}."
+    untimed = [f"{name} ({regime.regime})" for regime in regimes for name in regime.untimed]
+    if untimed:
+        yield f"Left out, without an error or a time: {'; '.join(untimed)}."
+
+
+def _frontier_rows(frontier: Frontier, error: Ranking) -> Iterator[dict[str, Any]]:
+    """Yield two tidy rows for every point: its latency and its error."""
+    for point in frontier.points:
+        for metric, value, unit in (
+            ("p90_ms", point.latency, "ms"),
+            (error.metric, point.error, error.unit),
+        ):
+            yield {
+                "metric": metric,
+                "group": point.label,
+                "value": value.value,
+                "low": value.low,
+                "high": value.high,
+                "unit": unit,
+                "dominated_by": list(frontier.dominated.get(point.label, ())),
+                "on_frontier": point in frontier.best,
+                "regime": frontier.regime,
+                "machine": frontier.machine,
+                "seeds": list(point.row.seeds),
+            }
 
 
 def curve_data(
@@ -142,43 +205,78 @@ def curve_data(
     """
     error = ranking_error(protocol)
     if new_sensor:
-        return _new_sensor_data(protocol, board, runs, sensor)
-    section = select_section(gather_records(protocol, board, runs), sensor, protocol)
-    learning = curves(section.rows, error)
-    if not learning:
-        raise UserError(
-            f"no configuration of {protocol} was run with several numbers of presses; make some "
-            f"with `tactibench run {protocol} --presses N`."
-        )
-    subject = f"{protocol}, {section.title.lower()}"
-
-    def draw() -> Figure:
-        from tactibench.report.plots.curve import curve_figure
-
-        return curve_figure(learning, error, measured_on=subject)
-
-    shown = (curve_steps_table(learning, error),)
-    return PlotData("", subject, shown, curve_rows(learning, error), draw)
-
-
-def _new_sensor_data(protocol: str, board: Path, runs: Path | None, sensor: str | None) -> PlotData:
-    error = ranking_error(protocol)
-    name = sensor or load_protocol(protocol).spec.defaults.sensor
-    learning = new_sensor_curves(all_records(protocol, board, runs), error, name)
-    if not learning:
-        raise UserError(
+        name = sensor or load_protocol(protocol).spec.defaults.sensor
+        learning = new_sensor_curves(all_records(protocol, board, runs), error, name)
+        lacking = (
             f"no run of {protocol} on sensor {name!r} was tested on another instance than it was "
             f"trained on; make some with `tactibench run {protocol} --test sensor.instance=1`."
         )
-    subject = f"{protocol}, simulated sensor {name}, instances that no training saw"
+        subject = f"{protocol}, simulated sensor {name}, instances that no training saw"
+    else:
+        section = select_section(gather_records(protocol, board, runs), sensor, protocol)
+        learning = curves(section.rows, error)
+        lacking = (
+            f"no configuration of {protocol} was run with several numbers of presses; make some "
+            f"with `tactibench run {protocol} --presses N`."
+        )
+        subject = f"{protocol}, {section.title.lower()}"
+    if not learning:
+        raise UserError(lacking)
 
     def draw() -> Figure:
-        from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
+        caption = NEW_SENSOR if new_sensor else LEARNING
+        return curve_figure(learning, error, caption, measured_on=subject)
 
-        return curve_figure(learning, error, NEW_SENSOR, measured_on=subject)
+    shown = (_curve_table(learning, error, new_sensor=new_sensor),)
+    return PlotData("", subject, shown, _curve_rows(learning, error), draw)
 
-    shown = (new_sensor_table(learning, error),)
-    return PlotData("", subject, shown, curve_rows(learning, error), draw)
+
+def _curve_table(learning: Sequence[Curve], error: Ranking, *, new_sensor: bool) -> Table:
+    """Return every step of every curve: with the spread of seeds, or best and worst instance."""
+    rows: list[list[Cell]] = []
+    for curve in learning:
+        for k, step in enumerate(curve.steps):
+            sd = None if step.error is None else step.error.sd
+            rows.append(
+                [
+                    "" if k else curve.label,
+                    f"{step.presses:,}",
+                    metric_number(step.error, error.decimals),
+                    *(
+                        []
+                        if new_sensor
+                        else [sd if sd is None else Number(sd, fixed(error.decimals))]
+                    ),
+                    str(step.seeds),
+                ]
+            )
+    if new_sensor:
+        counts = ["labelled presses", "runs"]
+        title = f"{error.name} on a new sensor: mean over instances [best, worst]"
+    else:
+        counts = ["presses", "sd of seeds", "seeds"]
+        title = f"{error.name} by training presses: value [95 % interval]"
+    first, *others = map(Column, counts)
+    return table(("", first, f"error, {error.unit}", *others), rows, title=title)
+
+
+def _curve_rows(learning: Sequence[Curve], error: Ranking) -> JsonRows:
+    """Return a tidy row for every step of every curve."""
+    return [
+        {
+            "metric": error.metric,
+            "group": curve.label,
+            "presses": step.presses,
+            "value": step.error and step.error.value,
+            "low": step.error and step.error.low,
+            "high": step.error and step.error.high,
+            "sd": step.error and step.error.sd,
+            "unit": error.unit,
+            "seeds": step.seeds,
+        }
+        for curve in learning
+        for step in curve.steps
+    ]
 
 
 def stability_data(
@@ -200,33 +298,45 @@ def stability_data(
     if not axes:
         raise UserError(f"{protocol} has no families of hard cases; take stability.")
     section = select_section(whole(gather_records(protocol, board, runs)), sensor, protocol)
-    chosen = _rows_named(ordered(protocol, section.rows), labels)
-    subject = f"{protocol}, {section.title.lower()}"
-
-    def draw() -> Figure:
-        from tactibench.report.plots.doubling import doubling_figure
-
-        return doubling_figure(chosen, axes, measured_on=subject)
-
-    def draw_cases() -> Figure:
-        from tactibench.report.plots.stability import stability_figure
-        from tactibench.report.plots.style import CURVES
-
-        if len(chosen) > CURVES:
-            raise UserError(
-                f"{len(chosen)} rows are too many for one panel; name at most {CURVES} with "
-                "--rows LABEL."
-            )
-        return stability_figure(chosen, axes, measured_on=subject)
-
-    shown = (doubling_table(chosen, axes),)
-    rows = stability_rows(chosen, axes)
-    return PlotData("", subject, shown, rows, draw, draw_detail=draw_cases)
-
-
-def _rows_named(rows: Sequence[Row], labels: tuple[str, ...]) -> list[Row]:
-    by_label = {row.label: row for row in rows}
+    chosen = ordered(protocol, section.rows)
+    by_label = {row.label: row for row in chosen}
     for label in labels:
         if label not in by_label:
             raise UserError(f"no row is called {label!r}; {did_you_mean(label, by_label)}")
-    return [by_label[label] for label in labels] if labels else list(rows)
+    chosen = [by_label[label] for label in labels] or list(chosen)
+    subject = f"{protocol}, {section.title.lower()}"
+    rows = list(_stability_rows(chosen, axes))
+    return PlotData(
+        "",
+        subject,
+        (doubling_table(chosen, axes),),
+        rows,
+        partial(doubling_figure, chosen, axes, measured_on=subject),
+        draw_detail=partial(_draw_cases, chosen, axes, subject),
+    )
+
+
+def _draw_cases(rows: Sequence[Row], axes: Sequence[Axis], subject: str) -> Figure:
+    if len(rows) > CURVES:
+        raise UserError(
+            f"{len(rows)} rows are too many for one panel; name at most {CURVES} with --rows LABEL."
+        )
+    return stability_figure(rows, axes, measured_on=subject)
+
+
+def _stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> Iterator[dict[str, Any]]:
+    """Yield the values at which errors double, and the errors case by case."""
+    for row in rows:
+        for grade in family_errors(row, axes):
+            axis, doubles = grade.axis, grade.doubles
+            subject = {"group": row.label, "family": axis.family}
+            if doubles is not None:
+                ends = {"value": doubles.value, "low": doubles.low, "high": doubles.high}
+                facts = {"censored": doubles.censored, "unit": axis.unit, "harder": axis.harder}
+                yield {"metric": "doubles_at", **subject, **ends, **facts}
+            for case in grade.cases:
+                if case.error is not None:
+                    error = case.error
+                    ends = {"value": error.value, "low": error.low, "high": error.high}
+                    place = {"at": case.value, "easy": case.easy}
+                    yield {"metric": "ospa_mm", **subject, **place, **ends, "unit": "mm"}

@@ -25,7 +25,7 @@ from rich.progress import (
 )
 
 from tactibench.plugins import Progress as TrainingProgress
-from tactibench.report.numbers import duration
+from tactibench.report.labels import duration
 from tactibench.run import NullReporter, Reporter
 
 INTERVAL_S = 30.0

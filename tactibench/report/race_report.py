@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.report.numbers import fixed
-from tactibench.report.run_speed import change
-from tactibench.report.table import Cell, Column, Head, Number, Table, table
-from tactibench.report.writers.terminal import print_table
+from tactibench.report.labels import fixed
+from tactibench.report.tables import Cell, Column, Head, Number, Table, print_table, table
 from tactibench.run import Race
 
 
@@ -110,3 +108,8 @@ def _prediction_table(race: Race) -> Table:
 
 def _marked(race: Race, name: str) -> str:
     return f"{name} *" if name == race.best.name else name
+
+
+def change(relative: float) -> str:
+    """Return a relative change in per cent with its sign, such as "+0.3 %"."""
+    return f"{100 * relative:+.1f} %"

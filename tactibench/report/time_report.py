@@ -10,9 +10,8 @@ from rich.text import Text
 
 from tactibench.board import settled_time
 from tactibench.records import Record, SpeedRow
-from tactibench.report.numbers import fixed, plural
-from tactibench.report.table import Cell, Column, Number, Table, table
-from tactibench.report.writers.terminal import print_table
+from tactibench.report.labels import fixed, plural
+from tactibench.report.tables import Cell, Column, Number, Table, print_table, table
 from tactibench.run import QUIET
 
 

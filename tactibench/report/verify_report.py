@@ -7,8 +7,7 @@ from rich.text import Text
 
 from tactibench.board import BELOW_BOUND, Verdict
 from tactibench.report.labels import NAMES, named
-from tactibench.report.table import Column, metric_number, table
-from tactibench.report.writers.terminal import print_table
+from tactibench.report.tables import Column, metric_number, print_table, table
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:

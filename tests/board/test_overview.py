@@ -7,7 +7,7 @@ from tactibench.board.grouping import rows_of
 from tactibench.board.overview import overview
 from tactibench.metrics import FAMILIES
 from tactibench.protocols import load_protocol, overview_spec
-from tactibench.report.overview_table import overview_table
+from tactibench.report import overview_table
 
 NAMES = [column.name for column in overview_spec().columns]
 

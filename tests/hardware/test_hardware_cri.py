@@ -7,10 +7,12 @@ from collections.abc import Callable
 from types import ModuleType
 
 import pytest
-from fake_station import finish
+from emulated import finish
 
 from tactibench import UserError
-from tactibench_tactip import CriRobot, Pose6, RobotError, Settings
+from tactibench_tactip.errors import RobotError
+from tactibench_tactip.robots.cri import CriRobot
+from tactibench_tactip.settings import Pose6, Settings
 
 Make = Callable[..., Settings]
 

@@ -32,7 +32,6 @@ def made_store(
 
 @pytest.fixture(scope="session")
 def page_of() -> Callable[[ReportData], str]:
-    pytest.importorskip("jinja2", reason="the HTML report needs tactibench[report]")
     from tactibench.report import report_page
 
     return report_page
@@ -326,13 +325,13 @@ def record(fabricate: Callable[..., Record]) -> Callable[..., Record]:
 
 @pytest.fixture(scope="session")
 def render() -> Callable[..., str]:
-    """A record, the width and other stored records -> what is printed, published rows below."""
+    """A record -> what is printed, published rows below."""
     folder = Path(__file__).parents[2] / "leaderboards" / "published"
     tables = load_published(["tactiverse", "tac-vgnn"], folder)
 
-    def rendered(shown: Record, width: int = 80, others: Any = ()) -> str:
-        console = Console(file=io.StringIO(), width=width, force_terminal=False)
-        print_run(console, shown, RECORD_FILE.format(shown.name), tables, others)
+    def rendered(shown: Record) -> str:
+        console = Console(file=io.StringIO(), width=80, force_terminal=False)
+        print_run(console, shown, RECORD_FILE.format(shown.name), tables)
         return console.file.getvalue()  # type: ignore[attr-defined]
 
     return rendered

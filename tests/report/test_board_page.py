@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import csv
 import html
+import io
 import re
 from pathlib import Path
 
 import pytest
+from changed_record import changed_record
 
 from tactibench import UserError
-from tactibench.board import FOLDER, compact, text_of
+from tactibench.board import (
+    FOLDER,
+    NOMINAL,
+    PERTURBED,
+    TESTED,
+    compact,
+    gather_records,
+    measured_on,
+    sections_of,
+    select_section,
+    slot,
+    text_of,
+    trained_for,
+)
 from tactibench.metrics import FAMILIES
 from tactibench.protocols import load_protocol, load_published, protocol_files
 from tactibench.protocols.board_spec import board_spec
-from tactibench.report import page_files, tidy_rows
-from tactibench.report.board_page import board_page
+from tactibench.report import board_csv, board_page, board_rows, page_files
 
 ROOT = Path(__file__).resolve().parents[2]
 MAIN = "Error, and off the nominal sensor"
@@ -73,24 +88,15 @@ def test_a_row_shows_seeds_mean_interval_spread_misses_and_trivial_rows(fabricat
         ]
     )
     (rows,) = tables(text)[MAIN]
-    assert [row["model"] for row in rows] == ["unet", "*mean*"]
-    assert (rows[0]["seeds"], rows[1]["seeds"]) == ("2", "1 seed")
-    assert rows[0]["GOSPA, mm"] == "0.0500<br><sub>0.0450 – 0.0550</sub>"
-    assert rows[0]["MAE, mm"] == "0.0400<br><sub>0.0360 – 0.0440</sub>"
-    assert rows[0]["sd 7"] == rows[0]["sd 9"] == "0.0141"
-    assert (rows[1]["sd 7"], rows[1]["MAE, mm"], rows[0]["missed, %"]) == ("n/a", "n/a", "1.00")
-    (axes,) = tables(text)["By axis"]
-    assert axes[0]["R2"] == "n/a"
+    assert [row["model"] for row in rows] == [
+        "unet + hertz (single)<br><sub>prior knowledge: not stated, 2 seeds</sub>",
+        "*mean (single)*<br><sub>1 seed</sub>",
+    ]
+    assert rows[0]["GOSPA, mm"] == "0.0500<br><sub>0.0450 – 0.0550</sub><br><sub>sd 0.0141</sub>"
+    assert rows[0]["MAE, mm"] == "0.0400<br><sub>0.0360 – 0.0440</sub><br><sub>sd 0.0141</sub>"
+    assert (rows[1]["MAE, mm"], rows[0]["missed, %"][:4]) == ("n/a", "1.00")
     assert "Trivial rows are missing: `tactibench run exp1 --model nearest`" in text
     assert "1,000 presses." in text
-
-
-def test_prior_knowledge_and_mixing_have_a_column_of_their_own(fabricate):
-    (rows,) = tables(made([fabricate(settings={"mixing": 1.0, "width": 8})]))[MAIN]
-    assert (rows[0]["model"], rows[0]["prior knowledge"]) == (
-        "unet, width=8",
-        "not stated, mixing 1",
-    )
 
 
 @pytest.mark.parametrize("protocol", sorted(protocol_files()))
@@ -125,37 +131,21 @@ def test_sensors_have_sections_of_their_own_and_published_rows_too(fabricate):
 
 
 def test_signatures_stand_below_and_cost_is_split_by_machine(fabricate):
+    efficiency = {"parameters": 1930000, "flops_per_frame": 2.1e9, "peak_memory_mb": 412.4}
     records = [
-        fabricate(seed=0, p90_ms=2.0),
-        fabricate(seed=1, p90_ms=4.0),
+        fabricate(seed=0, p90_ms=2.0, efficiency=efficiency),
+        fabricate(seed=1, p90_ms=4.0, efficiency=efficiency),
         fabricate(seed=2, p90_ms=9.0, machine="ba9876543210"),
     ]
     text = made(records)
-    (rows,) = tables(text)["Latency"]
-    assert [(row["seeds"], row["p90, ms"], row["machine"]) for row in rows] == [
-        ("2", "3.00", "`0123456789ab`"),
-        ("1 seed", "9.00", "`ba9876543210`"),
+    ((two, one),) = tables(text)["Speed and cost"]
+    assert two["p90, ms"] == "3.00<br><sub>sd 1.4</sub>"
+    assert [two[name] for name in ("weights", "operations", "memory, MB", "training")] == [
+        *("1.93 M", "2.1 G", "412", "4 min 0 s")
     ]
-    (cost,) = tables(text)["Cost"]
-    assert (cost[0]["weights"], cost[0]["training"]) == ("n/a", "4 min 0 s")
+    assert (one["p90, ms"], one["weights"]) == ("9.00", "n/a")
+    assert (two["machine"], one["machine"]) == ("`0123456789ab`", "`ba9876543210`")
     assert all(record.signature in text for record in records)
-    assert "Signatures of 3 runs" in text
-
-
-def test_efficiency_is_shown_where_it_was_measured(fabricate):
-    efficiency = {"parameters": 1930000, "flops_per_frame": 2.1e9, "peak_memory_mb": 412.4}
-    timed = {"configuration": "bf16, batch 1", "difference_mm": 0.00213}
-    record = fabricate(efficiency=efficiency, timed=timed)
-    record.speed[0].settled = False
-    found = tables(made([record]))
-    (cost,), (latency,) = found["Cost"][0], found["Latency"][0]
-    assert [cost[name] for name in ("weights", "operations", "memory, MB")] == [
-        "1.93 M",
-        "2.1 G",
-        "412",
-    ]
-    assert latency["p90, ms"] == "6.00\\*"
-    assert (latency["to float32, mm"], latency["timed as"]) == ("0.0021", "bf16, batch 1")
 
 
 @pytest.mark.parametrize(
@@ -166,7 +156,7 @@ def test_a_board_judges_the_load_of_a_time_itself(fabricate, stolen, foreign, sh
     record = fabricate()
     for speed in record.speed:
         speed.stolen, speed.foreign = stolen, foreign
-    (latency,) = tables(made([record]))["Latency"][0]
+    (latency,) = tables(made([record]))["Speed and cost"][0]
     assert all(speed.settled for speed in record.speed)
     assert latency["p90, ms"] == shown
 
@@ -186,7 +176,7 @@ def test_fewer_presses_stand_in_the_curve_only(fabricate):
     assert len(found[MAIN][0]) == 1
     (curve,) = found["Learning curve"][0]
     assert list(curve) == ["model", "250", "3,600"]
-    assert curve["250"] == "0.2000<br><sub>0.1800 – 0.2200</sub><br><sub>1 seed</sub>"
+    assert curve["250"] == "0.2000<br><sub>0.1800 – 0.2200</sub>"
     assert "Learning curve" not in tables(made([fabricate()]))
 
 
@@ -195,15 +185,6 @@ def test_optional_tables_appear_with_their_metrics(fabricate):
     assert "RMSE over the Cramer-Rao bound" in tables(made([fabricate(metrics=bound)]))
     assert "RMSE over the Cramer-Rao bound" not in tables(made([fabricate()]))
     assert "Stated uncertainty" in tables(made([fabricate(metrics=(("nll", "all", -3.0),))]))
-
-
-def test_what_several_tables_share_is_said_once(fabricate):
-    text = made([fabricate(), fabricate(sensor={"instance": 3})])
-    assert len(tables(text)[MAIN]) == 2
-    assert text.count("mean over x, y and depth of the best-scored prediction") == 1
-    assert text.count("Rank: rows share one") == 1
-    assert text.count("Operations: floating-point") == 1
-    assert text.count("1,000 presses.") == 2  # once a sensor
 
 
 def test_the_share_of_resolved_pairs_stands_below_the_error_of_a_distance(fabricate):
@@ -228,8 +209,6 @@ def test_lapses_are_in_per_cent_and_rejected_fits_are_counted_by_seed(fabricate)
     seeds = [trained(0, 0.05, None), trained(1, 0.06, "interpolated"), trained(2, 0.1, None)]
     ((row,),) = tables(made(seeds, "exp2"))["Two-point threshold"]
     assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("7.0", "1 of 3")
-    ((row,),) = tables(made([fabricate("exp2")], "exp2"))["Two-point threshold"]
-    assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("n/a", "n/a")
 
 
 def test_no_markup_of_a_record_reaches_the_page(fabricate):
@@ -263,10 +242,14 @@ def test_the_tidy_rows_hold_what_the_tables_show(tmp_path, fabricate):
         path = tmp_path / FOLDER / "exp1" / f"{record.name}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text_of(record))
-    rows = {(row["metric"], row["group"]): row for row in tidy_rows(tmp_path)}
+    tidy = board_rows(tmp_path)
+    rows = {(row["metric"], row["group"]): row for row in tidy}
     assert rows["gospa1_mm", "all"]["value"] == pytest.approx(0.05)
     assert rows["gospa1_mm", "all"]["seeds"] == [0, 1]
     assert rows["p90_ms", "0123456789ab"]["value"] == pytest.approx(6.0)
+    lines = list(csv.DictReader(io.StringIO(board_csv([{**tidy[0], "model": "=1+1"}]))))
+    assert lines[0]["seeds"] == "0 1"
+    assert lines[0]["model"] == "'=1+1"  # a spreadsheet computes nothing
 
 
 def test_a_comparison_with_released_predictions_has_a_table_of_its_own(fabricate):
@@ -280,14 +263,190 @@ def test_a_comparison_with_released_predictions_has_a_table_of_its_own(fabricate
     )
     compared = fabricate("surface", "pins", encoder=None, origin="real", metrics=rows)
     text = made([plain, compared], "surface")
-    found = {row["model"]: row for row in tables(text)[title][0]}
+    found = {row["model"].split()[0]: row for row in tables(text)[title][0]}
     assert found["pins"]["depth MAE, mm"].startswith("-0.0300<br>")
-    assert found["cnn"]["depth MAE, mm"] == "n/a"
+    assert "cnn" not in found  # its answers were not compared
     assert "below zero where this row is nearer to the label" in text
 
 
 def test_a_row_below_the_cramer_rao_bound_is_marked(fabricate):
     plain, exact = made([fabricate()]), made([fabricate(metrics=(("rmse_over_bound", "x", 0.5),))])
-    assert "unet †" not in plain
-    assert "| unet † |" in exact
+    assert "†" not in plain
+    assert "unet + hertz (single) †" in exact
     assert "†: more exact than the Cramer-Rao bound" in exact
+
+
+REFERENCE = {
+    "name": "tactip-127-fem",
+    "parameters": {"noise": True},
+    "asked": ["reference"],
+    "on": "finite-element scenes",
+    "presses": 7,
+}
+OTHER = {
+    "name": "tactip-127",
+    "parameters": {"instance": 1},
+    "asked": ["sensor.instance=1"],
+    "on": "another individual (instance=1)",
+    "presses": 1000,
+}
+
+
+NOMINAL_ONE = {
+    "name": "tactip-127",
+    "parameters": {"instance": 0},
+    "asked": [],
+    "on": "the nominal sensor",
+    "presses": 1000,
+}
+
+
+@pytest.fixture
+def tested(fabricate):
+    def made(on, test=1000, **more):
+        record = fabricate(**more)
+        return changed_record(
+            record,
+            {
+                "sensor.tested": on,
+                "identity.data": [on["on"]],
+                "data.test": test,
+                "name": f"{record.name}-{on['name']}-{on['presses']}",
+            },
+        )
+
+    return made
+
+
+@pytest.fixture
+def records(fabricate, tested):
+    return [
+        tested(OTHER),
+        tested(REFERENCE, 35),
+        fabricate(),
+        fabricate(sensor={"instance": 1}),
+        tested(OTHER, seed=1),
+        tested(REFERENCE, 35, model="mean", encoder=None),
+    ]
+
+
+def test_they_follow_the_sensor_and_never_share_a_table(records):
+    sections = sections_of(records)
+    assert [section.kind for section in sections] == [NOMINAL, TESTED, TESTED, PERTURBED]
+    assert [section.title for section in sections] == [
+        "Simulated sensor tactip-127",
+        "Simulated sensor tactip-127, tested on another individual (instance=1)",
+        "Simulated sensor tactip-127, tested on finite-element scenes",
+        "Simulated sensor tactip-127, instance=1: a perturbed individual",
+    ]
+    assert [len(section.rows) for section in sections] == [1, 1, 2, 1]
+    assert sections[1].rows[0].seeds == (0, 1)
+
+
+def test_they_differ_although_their_test_frames_were_not_recorded(fabricate, tested):
+    one, two = fabricate(), tested(OTHER)
+    two.identity.data = one.identity.data
+    assert len(sections_of([one, two])) == 2
+    assert slot(one) != slot(two)
+
+
+def test_the_page_says_how_many_frames_and_how_to_add_trivial_rows(records):
+    text = board_page(load_protocol("exp1"), records, []).markdown()
+    head = "<summary>Simulated sensor tactip-127, tested on finite-element scenes</summary>"
+    part = text.partition(head)[2]
+    assert part
+    assert "tested on 35 frames of 7 presses: `--test reference`." in part
+    assert "tactibench run exp1 --model nearest --test reference`" in part
+    assert "tested on 1,000 presses: `--test sensor.instance=1`." in text
+    assert "Speed and cost" not in part.partition("<summary>Simulated")[0]
+    assert board_page(load_protocol("exp1"), records[::-1], []).markdown() == text
+
+
+def test_the_page_says_how_many_sensors_a_model_learned_from(tested):
+    text = board_page(
+        load_protocol("exp1"), [tested(NOMINAL_ONE, sensor={"instances": 64})], []
+    ).markdown()
+    told = "Trained on 64 sensors of the make and tested on 1,000 presses of the nominal sensor."
+    assert told in text
+    assert ": ``" not in text
+
+
+def test_they_stand_beside_the_same_weights_on_the_protocols_own_test(fabricate, tested):
+    records = [
+        *(tested(OTHER, error=0.4, seed=seed) for seed in (0, 1)),
+        *(fabricate(error=error, seed=seed) for seed, error in ((0, 0.1), (1, 0.3), (2, 0.9))),
+        *(fabricate(error=0.7, seed=seed, sensor={"instance": 1}) for seed in (0, 1)),
+    ]
+    part = board_page(load_protocol("exp1"), records, []).markdown()
+    part = part.partition("### Beside the protocol's own test")[2].partition("The same weights")[0]
+    (line,) = (line for line in part.splitlines() if line.startswith("| unet"))
+    assert "| 0.4000" in line  # of the two seeds that were tested elsewhere, 0.1 and 0.3
+    assert "| 0.2000" in line
+
+
+def test_other_weights_are_not_set_beside_them(fabricate, tested):
+    records = [tested(OTHER, seed=3), fabricate(seed=0), fabricate(seed=3, regime="multiple")]
+    assert "Beside the" not in board_page(load_protocol("exp1"), records, []).markdown()
+
+
+def test_curves_and_frontiers_leave_them_out(records, tmp_path):
+    folder = tmp_path / FOLDER / "exp1"
+    folder.mkdir(parents=True)
+    for record in records:
+        (folder / f"{record.name}.json").write_text(text_of(record), encoding="utf-8")
+    found = gather_records("exp1", tmp_path, None)
+    assert len(found) == 2
+    assert select_section(found, None, "exp1").kind == NOMINAL
+    assert trained_for(records) == [records[2], records[3]]
+
+
+def test_a_record_is_valid_and_committed_without_the_sensors_description(tested):
+    record = tested(REFERENCE)
+    record.identity.tested = {"describe": "long"}
+    assert len(compact(record).identity.tested) == 64
+
+
+def test_what_it_was_measured_on(fabricate, tested):
+    assert measured_on(fabricate()) == "simulated sensor tactip-127"
+    assert measured_on(tested(REFERENCE)) == (
+        "simulated sensor tactip-127, tested on finite-element scenes"
+    )
+
+
+def moved(tested, source, target, **more):
+    on = {
+        "name": "recorded",
+        "parameters": {"labels": "auto"},
+        "asked": [f"data={target}"],
+        "on": f"recording {target}",
+        "presses": 1000,
+        "trained_on": source,
+    }
+    return changed_record(
+        tested(on, **more), {"data.of_tested_sensor": {"left_out_calibrated": 42}}
+    )
+
+
+def test_every_pair_of_sensors_has_a_table_and_says_what_was_simulated(tested):
+    pairs = [
+        ("real recording tac/331", "tac/127"),
+        ("real recording tac/127", "tac/331"),
+        ("simulated fitted-127", "tac/127"),
+    ]
+    records = [
+        moved(tested, *pair, protocol="transfer", model=model, encoder=None)
+        for pair in pairs
+        for model in ("pins", "kernel")
+    ]
+    sections = sections_of(records)
+    assert {section.title for section in sections} == {
+        "Real recording tac/127, trained on real recording tac/331",
+        "Real recording tac/331, trained on real recording tac/127",
+        "Real recording tac/127, trained on simulated fitted-127",
+    }
+    assert all(len(section.rows) == 2 for section in sections)
+    assert measured_on(records[-1]) == "real recording tac/127, trained on simulated fitted-127"
+    text = board_page(load_protocol("transfer"), records, []).markdown()
+    assert "the simulated sensor to 42, which test nothing; offset and pivot" in text
+    assert "| labelled frames besides |" in text
+    assert "Trivial rows" not in text

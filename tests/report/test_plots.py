@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
@@ -44,7 +47,6 @@ from tactibench.report import (
     distance_figure,
     distance_series,
     extent,
-    features_figure,
     fitted_series,
     frame_figure,
     frontier_figure,
@@ -54,15 +56,14 @@ from tactibench.report import (
     logistic_fit,
     model_look,
     off_nominal,
-    relief_figure,
     row_looks,
     save_png,
     single_figure,
+    spread,
     threshold_figure,
     triple_figure,
     worst_frames_figure,
 )
-from tactibench.report.plots import style
 
 TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")
 GRID = Grid.centred(64, 0.4)
@@ -92,23 +93,13 @@ def predictions(**heatmaps: Any) -> list[Prediction]:
     return [Prediction(name, name, c, heatmaps.get(name)) for name, c in found.items()]
 
 
-def layers(count: int) -> list[Any]:
-    rng = np.random.default_rng(0)
-    return [(f"layer {k}", 8, rng.random((min(6, 2 + k), 4, 4))) for k in range(count)]
-
-
 NONE = Contacts.none()
-FLAT = np.zeros((64, 64))
 DRAWN: dict[str, Callable[[], Figure]] = {
     "curve, nothing": lambda: curve_figure([], ERROR),
     "distance, nothing": lambda: distance_figure([]),
-    "features": lambda: features_figure(example(heatmap(FOUND)), layers(4)),
-    "features, nothing": lambda: features_figure(example(None, NONE, NONE), []),
     "frame": lambda: frame_figure(example(heatmap(FOUND))),
     "frame, nothing": lambda: frame_figure(example(None, NONE, NONE)),
     "frontier, nothing": lambda: frontier_figure([], ERROR),
-    "relief": lambda: relief_figure(GRID, heatmap(FOUND) * 6, heatmap(TRUTH) * 6),
-    "relief, flat": lambda: relief_figure(GRID, FLAT, FLAT),
     "single": lambda: single_figure(np.ones((5, 3)), np.ones((5, 3)) + 0.1 * np.eye(5, 3)),
     "single, nothing": lambda: single_figure(np.empty((0, 3)), np.empty((0, 3))),
     "triple": lambda: triple_figure(GRID, TRUTH, predictions(unet=heatmap(FOUND))),
@@ -255,15 +246,6 @@ def test_a_bound_instead_of_a_threshold_has_no_fit(fabricate: Any) -> None:
     assert marks == [1, 0]
 
 
-def test_both_reliefs_share_their_axis_and_colours() -> None:
-    figure = relief_figure(GRID, heatmap(FOUND) * 3, heatmap(TRUTH) * 6)
-    left, right = (axes for axes in figure.axes if axes.name == "3d")
-    assert left.get_zlim() == right.get_zlim()  # type: ignore[attr-defined]
-    scales = [axes.collections[0].norm for axes in (left, right)]
-    assert scales[0] is scales[1]
-    assert scales[0].vmax == pytest.approx((heatmap(TRUTH) * 6).max())
-
-
 def test_one_style_per_model_and_every_model_beside_the_truth() -> None:
     cnn, unet, both = triple_figure(GRID, TRUTH, predictions()).axes[:3]
     looks = [(axes.lines[0].get_marker(), axes.lines[0].get_color()) for axes in (cnn, unet)]
@@ -278,20 +260,6 @@ def test_contacts_are_drawn_in_millimetres_and_not_on_the_frame() -> None:
     assert not frame.lines
     np.testing.assert_allclose(np.column_stack(field.lines[0].get_data()), FOUND.xy)
     assert {text.get_text() for text in field.texts} == {"4.0", "2.5", "1.0"}
-
-
-@pytest.mark.parametrize("count", [1, 4, 10])
-def test_layers_go_down_the_left_and_up_the_right(count: int) -> None:
-    figure = features_figure(example(heatmap(FOUND)), layers(count))
-    shown = [axes.get_title("left") for axes in figure.axes if axes.get_title("left")]
-    rows = -(-count // 2)
-    left = [f"layer {k}" for k in range(rows)]
-    right = [f"layer {k}" for k in reversed(range(rows, count))]
-    assert all(title.endswith(": 8 of 4 x 4") for title in shown)
-    order = [title.partition(":")[0] for title in shown]
-    assert sorted(order) == sorted(left + right)
-    assert [name for name in order if name in left] == left
-    assert [name for name in order if name in right] == right
 
 
 def test_points_of_a_frontier_are_in_its_key_and_dominated_ones_are_hollow(
@@ -417,20 +385,35 @@ def test_histogram_edge_is_a_round_number(scale: float, edge: float) -> None:
 
 @given(st.lists(st.floats(0, 10), max_size=8), st.floats(0.01, 2))
 def test_spread_labels_keep_their_order_and_do_not_touch(places: list[float], least: float) -> None:
-    moved = style.spread(places, least)
+    moved = spread(places, least)
     order = np.argsort(places, kind="stable")
     assert (np.diff(np.array(moved)[order]) >= least - 1e-9).all()
     assert np.sum(moved) == pytest.approx(np.sum(places), abs=1e-6)
 
 
 def test_labels_that_stand_apart_stay() -> None:
-    assert style.spread([1.214, 0.383], 0.1) == [1.214, 0.383]
+    assert spread([1.214, 0.383], 0.1) == [1.214, 0.383]
 
 
-def test_pyplot_is_never_loaded() -> None:
-    import subprocess
-    import sys
+HOSTILE_STYLE = """
+text.usetex: True
+font.family: nowhere
+savefig.format: pdf
+axes.facecolor: red
+figure.dpi: 10
+"""
 
-    module = "tactibench.report.plots.run_pictures"
-    code = f"import sys, {module}; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+def test_the_settings_of_a_user_change_no_picture(tmp_path: Path) -> None:
+    """A notebook's backend, and a style file made for a paper."""
+    (tmp_path / "matplotlibrc").write_text(HOSTILE_STYLE, encoding="utf-8")
+    code = (
+        "import sys, hashlib, numpy as np; from tactibench.report import single_figure, save_png;"
+        "from pathlib import Path; save_png(single_figure(np.ones((5, 3)), np.ones((5, 3)) + .1), "
+        "Path(sys.argv[1])); sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    own = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MATPLOTLIBRC": str(tmp_path)}
+    for name, environment in (("plain.png", {}), ("hostile.png", own)):
+        command = [sys.executable, "-c", code, str(tmp_path / name)]
+        subprocess.run(command, check=True, env={**os.environ, **environment})
+    assert (tmp_path / "plain.png").read_bytes() == (tmp_path / "hostile.png").read_bytes()

@@ -132,18 +132,6 @@ def test_rows_can_be_filtered(tab):
     assert rows.count() == 3
 
 
-def test_a_filter_finds_details_that_a_table_hides(browser, files):
-    tab = Tab(browser, files / "plain.html")
-    tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-    hidden = tab.page.locator("#exp1 table.board tbody tr:has(td[data-more*='seed'])")
-    assert hidden.count()
-    tab.page.locator("input[data-filter=exp1]").fill("seed")
-    assert hidden.first.is_visible()
-    tab.page.locator("input[data-filter=exp1]").fill("no such row")
-    assert not hidden.first.is_visible()
-    tab.context.close()
-
-
 def test_the_theme_follows_the_system_and_the_button(browser, files):
     tab = Tab(browser, files / "plain.html", color_scheme="dark")
     colour = "getComputedStyle(document.body).backgroundColor"

@@ -14,7 +14,7 @@ from tactibench.report import draw_pictures, new_figure, update_pictures
 
 pytestmark = pytest.mark.long
 
-MODULE = "tactibench.report.plots.run_pictures"
+MODULE = "tactibench.report.run_pictures"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -76,7 +76,7 @@ def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypa
         seen.extend(one.label for one in series)
         return new_figure(1, 1)
 
-    monkeypatch.setattr("tactibench.report.plots.distance.distance_figure", record_series)
+    monkeypatch.setattr("tactibench.report.distance_plot.distance_figure", record_series)
     others = [run for run in runs if run.folder != pairs[0].folder]
     draw_pictures(pairs[0], others)
     assert seen == sorted(label_of(run.record) for run in pairs)

@@ -130,7 +130,7 @@ class Lab:
         self, where: Path, arguments: tuple[str, ...], before: Callable[[], None] | None
     ) -> int:
         from tactibench.cli.main import call
-        from tactibench.report.plots import run_pictures
+        from tactibench.report import run_pictures
 
         os.chdir(where)
         os.environ["TACTIBENCH_CACHE"] = str(where / "cache")

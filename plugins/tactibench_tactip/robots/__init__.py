@@ -1,0 +1,1 @@
+"""Drivers of robots behind one interface: UR arms, stages with GRBL, robots of cri."""

@@ -1,0 +1,165 @@
+"""The process that holds a UR: ``ur_rtde`` in a loop of 125 Hz.
+
+``ur_rtde`` keeps Python's lock while it waits, in its constructors without end and in a move for up
+to 300 s; in a process of its own it can block nothing but itself. This process carries out the
+orders that come over a local connection, kicks the watchdog, and sends the controller's state at
+every turn. When the connection ends, for whatever reason, it stops the arm and ends. Poses are here
+as the controller has them, m and a rotation vector, rad.
+
+    python -m tactibench_tactip.robots.ur_worker PORT < key
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from multiprocessing.connection import Client, Connection
+from typing import Any
+
+VARIABLES = (
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_force",
+    "robot_mode",
+    "safety_mode",
+    "safety_status_bits",
+    "runtime_state",
+    "target_speed_fraction",
+)
+"""Variables to receive: a short list at 125 Hz, because all variables at 500 Hz take a core."""
+HZ = 125.0
+STOP_M_S2 = 2.0
+"""Deceleration of a stop."""
+
+
+class Arm:
+    """The two interfaces of ur_rtde, which return False instead of raising an exception.
+
+    Methods that return a text return what went wrong, or "".
+
+    Args:
+        host: Address of the controller.
+        tcp: TCP to set, m and a rotation vector, rad.
+        watchdog_hz: Rate of the watchdog.
+
+    Attributes:
+        tcp_before: The controller's TCP until ``prepare`` sets another one.
+    """
+
+    def __init__(self, host: str, tcp: list[float], watchdog_hz: float) -> None:
+        from rtde_control import RTDEControlInterface
+        from rtde_receive import RTDEReceiveInterface
+
+        self._receive = RTDEReceiveInterface(host, HZ, list(VARIABLES))
+        self._control = RTDEControlInterface(host)
+        self._tcp, self._watchdog_hz = tcp, watchdog_hz
+        self.tcp_before = list(self._control.getTCPOffset())
+
+    def prepare(self) -> str:
+        """Set watchdog and TCP."""
+        if not self._control.setWatchdog(self._watchdog_hz):
+            return "the watchdog could not be set"
+        return "" if self._control.setTcp(self._tcp) else "the TCP could not be set"
+
+    def start(self, pose: list[float], speed: float, acceleration: float) -> str:
+        """Begin a straight move.
+
+        Args:
+            pose: m and a rotation vector, rad.
+            speed: Top speed, m/s.
+            acceleration: Acceleration, m/s2.
+        """
+        within = self._control.isPoseWithinSafetyLimits(pose)
+        if not self._control.isProgramRunning():  # a running program would have answered
+            return "its control program has ended"
+        if not within:
+            return "its safety limits exclude the next pose; look at its planes and at [frames]"
+        if not self._control.moveL(pose, speed, acceleration, True):
+            return "it did not begin a move"
+        return ""
+
+    def stop(self) -> str:
+        """Brake the arm."""
+        if self._control.isProgramRunning():  # otherwise it stands, and no answer would come
+            self._control.stopL(STOP_M_S2, True)
+        return ""
+
+    def reload(self, seconds: float) -> str:
+        """Load the control program again, wait ``seconds`` at most until it runs, and prepare."""
+        if not self._control.reuploadScript():
+            return "the control program could not be loaded again"
+        end = time.monotonic() + seconds
+        while not self._control.isProgramRunning():
+            if time.monotonic() > end:
+                return "the control program did not start again"
+            time.sleep(0.01)
+        return self.prepare()
+
+    def kick(self) -> None:
+        """Keep the watchdog quiet."""
+        self._control.kickWatchdog()
+
+    def facts(self) -> dict[str, Any]:
+        """Return the present state of the controller."""
+        receive, control = self._receive, self._control
+        return {
+            "time": receive.getTimestamp(),
+            "pose": receive.getActualTCPPose(),
+            "force": list(receive.getActualTCPForce())[:3],
+            "bits": int(receive.getSafetyStatusBits()),
+            "mode": int(receive.getRobotMode()),
+            "slider": receive.getTargetSpeedFraction(),
+            "linked": bool(receive.isConnected() and control.isConnected()),
+            "program": bool(control.isProgramRunning()),
+            "moving": bool(control.getAsyncOperationProgressEx().isAsyncOperationRunning()),
+        }
+
+    def close(self) -> None:
+        """End the control program and disconnect."""
+        self._control.stopScript()
+        self._control.disconnect()
+        self._receive.disconnect()
+
+
+def serve(link: Connection) -> None:
+    """Carry out the orders of the other side until the connection ends."""
+    first = json.loads(link.recv_bytes())
+    try:
+        arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
+    except Exception as error:  # noqa: BLE001 - sent to the other side
+        _send(link, {"failed": " ".join(str(error).split())})
+        return
+    _send(link, {"ready": True, "tcp": arm.tcp_before})
+    number, due = 0, time.monotonic()
+    try:
+        while True:
+            while link.poll(max(0.0, due - time.monotonic())):
+                order = json.loads(link.recv_bytes())
+                answer = getattr(arm, order["do"])(*order["with"])
+                number += 1
+                _send(link, {"answer": answer or "", "to": order["number"], "facts": number})
+            arm.kick()
+            number += 1
+            _send(link, {"number": number, **arm.facts()})
+            due = max(due + 1.0 / HZ, time.monotonic())
+    except (EOFError, OSError):  # the other side is gone
+        pass
+    finally:
+        arm.stop()
+        arm.close()
+
+
+def _send(link: Connection, value: dict[str, Any]) -> None:
+    link.send_bytes(json.dumps(value).encode())
+
+
+def main() -> None:
+    """Connect to the port of the command line and serve."""
+    key = sys.stdin.buffer.readline().strip()
+    with Client(("127.0.0.1", int(sys.argv[1])), authkey=key) as link:
+        serve(link)
+
+
+if __name__ == "__main__":
+    main()

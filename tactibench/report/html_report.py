@@ -1,0 +1,293 @@
+"""The report: boards and stored runs as one HTML file, or as a site of several.
+
+The same data gives the same bytes. A Content-Security-Policy names the one script by its hash, so
+that no other script can run, whatever text a name or note holds.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tactibench import __version__
+from tactibench.board import (
+    Errors,
+    PressErrors,
+    all_press_errors,
+    check_folder,
+    press_errors_of,
+    read_submissions,
+    slot,
+)
+from tactibench.board.overview import overview
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols import (
+    LoadedProtocol,
+    PublishedTable,
+    load_protocol,
+    overview_spec,
+    protocol_files,
+)
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Record, StoredRun, stored_runs
+from tactibench.report.board_pages import READING, BoardPage, board_page, published_tables
+from tactibench.report.board_tables import overview_table
+from tactibench.report.labels import plural
+from tactibench.report.pages import asset, render
+from tactibench.report.report_figures import Panel, panels
+from tactibench.run import folder_label
+
+AUTO, RUNS, BOARD, BOTH = "auto", "runs", "board", "both"
+ORIGINS = (AUTO, RUNS, BOARD, BOTH)
+"""Origins of the rows of a report, as ``tactibench report --from`` names them."""
+POLICY = (
+    "default-src 'none'; script-src '{}'; style-src 'unsafe-inline'; img-src data:; "
+    "base-uri 'none'; form-action 'none'"
+)
+WITHOUT_FRAMES = (
+    "Worst frames are stored with runs, not with committed records: `tactibench run {} --model "
+    "unet`, then `tactibench report --store runs`, shows them."
+)
+INDEX = "index.html"
+Advance = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ReportBoard:
+    """One protocol in a report.
+
+    Attributes:
+        protocol: The protocol.
+        records: Records of all runs that are shown.
+        published: Tables of papers.
+        errors: Errors press by press, by the name of the record.
+        runs: Stored runs, by the name of the record.
+    """
+
+    protocol: LoadedProtocol
+    records: tuple[Record, ...]
+    published: tuple[PublishedTable, ...]
+    errors: Errors
+    runs: Mapping[str, StoredRun] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The id of the protocol."""
+        return self.protocol.spec.id
+
+    @property
+    def page(self) -> BoardPage:
+        """Tables and notes, as on the page of the board."""
+        return board_page(self.protocol, self.records, self.published, self.errors)
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """The data of a report.
+
+    Attributes:
+        boards: Boards in the order of the page.
+        origin: A sentence on what was read and what was left out.
+    """
+
+    boards: tuple[ReportBoard, ...]
+    origin: str
+
+
+def gather(
+    store: Path, board: Path, *, origin: str = AUTO, protocols: Sequence[str] = ()
+) -> ReportData:
+    """Return the data of a report, read from a store and a board.
+
+    Args:
+        store: The run store.
+        board: Folder of the leaderboards.
+        origin: One of ORIGINS; auto takes the store's runs where it holds complete ones, else the
+            committed records.
+        protocols: Protocols that are shown; () for all that have records.
+
+    Raises:
+        UserError: A protocol is unknown, or there is nothing to show.
+    """
+    names = protocol_files()
+    for name in protocols:
+        if name not in names:
+            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, names)}")
+    runs = list(stored_runs(store)) if origin != BOARD else []
+    complete = [run for run in runs if not run.record.partial]
+    partial = len(runs) - len(complete)
+    if origin == AUTO:
+        origin = RUNS if complete else BOARD
+    if origin == RUNS and not complete:
+        some = f", only {plural(partial, 'partial run')} (--quick or --limit)" if partial else ""
+        raise UserError(
+            f"{store} holds no complete run{some}; run a protocol whole, name another store with "
+            "--store, or leave --from out to see the committed boards."
+        )
+    if origin != RUNS:
+        check_folder(board)
+    read = [
+        _board(load_protocol(name), complete, board, origin)
+        for name in names
+        if not protocols or name in protocols
+    ]
+    boards = [one for one in read if one.records or one.name in protocols]
+    if not boards:
+        raise UserError(
+            f"there is no complete run to show, neither in {store} nor in {board}; run a protocol "
+            "first, or name another store with --store."
+        )
+    stored = sum(len(one.runs) for one in boards)
+    committed = sum(len(one.records) for one in boards) - stored
+    shown = [plural(committed, "committed record")] if origin != RUNS else []
+    if origin != BOARD:
+        shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
+    newest = max((r.created[:10] for one in boards for r in one.records), default="")
+    text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}." if newest else ".")
+    counts = ((partial, "partial run"), (len(complete) - stored, "other or older run"))
+    left_out = [plural(count, what) for count, what in counts if count]
+    text += f" Left out: {' and '.join(left_out)}." if left_out else ""
+    return ReportData(tuple(boards), text)
+
+
+def _board(
+    protocol: LoadedProtocol, runs: Iterable[StoredRun], board: Path, origin: str
+) -> ReportBoard:
+    """Return a board: of one row and seed the newest stored run, else the committed record."""
+    newest: dict[str, StoredRun] = {}
+    for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
+        if run.record.protocol.hash == protocol.hash:
+            newest[slot(run.record)] = run
+    by_name = {run.record.name: run for run in newest.values()}
+    stored = [run.record for run in by_name.values()]
+    committed: list[Record] = []
+    if origin != RUNS:
+        records = read_submissions(board, protocol.spec.id)
+        committed = [record for record in records if slot(record) not in newest]
+    errors = dict(all_press_errors(board, committed)) | _press_errors(protocol, by_name)
+    shown = sorted([*committed, *stored], key=lambda record: record.name)
+    tables = tuple(published_tables(protocol, board))
+    return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
+
+
+def _press_errors(
+    protocol: LoadedProtocol, runs: Mapping[str, StoredRun]
+) -> dict[str, PressErrors]:
+    """Return the error that orders the board, press by press, of the stored runs."""
+    errors: dict[str, PressErrors] = {}
+    if board_spec(protocol.spec.id).ranking is None:
+        return errors
+    for name, run in runs.items():
+        try:
+            truth, predicted = run.arrays("truth"), run.arrays("predictions")
+            errors[name] = press_errors_of(protocol.spec, truth, predicted)
+        except (UserError, KeyError, ValueError):
+            continue  # a damaged run is ranked by its intervals
+    return errors
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One protocol in a template.
+
+    Attributes:
+        key: Name of its anchor.
+        page: Its tables and notes.
+        panels: Figures of every section.
+        lacking: Reason why some figures are missing; "" for none.
+    """
+
+    key: str
+    page: BoardPage
+    panels: tuple[list[Panel], ...]
+    lacking: str
+
+
+def report_page(data: ReportData, *, advance: Advance = lambda _: None) -> str:
+    """Return the HTML of a report, all in one file.
+
+    Args:
+        data: Data of the report.
+        advance: Called with the name of the protocol that is being drawn.
+    """
+    chapters = [_chapter(board, advance) for board in data.boards]
+    advance("page")
+    links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters)]
+    return _rendered(data, chapters, links, address=lambda _, anchor: f"#{anchor}")
+
+
+def site_pages(data: ReportData, *, advance: Advance = lambda _: None) -> Iterator[tuple[str, str]]:
+    """Yield the name and the HTML of every page of a site: the index, then one page a protocol.
+
+    A row has the address ``PROTOCOL.html#ANCHOR``, which stays when others are added.
+
+    Args:
+        data: Data of the site.
+        advance: Called with the name of the protocol that is being drawn.
+    """
+    others = [(f"{board.name}.html", board.name) for board in data.boards]
+    links = [(INDEX, "All boards"), *others]
+    advance("page")
+    address = "{}.html#{}".format
+    yield INDEX, _rendered(data, [], links, here=INDEX, address=address)
+    for board in data.boards:
+        here = f"{board.name}.html"
+        yield here, _rendered(data, [_chapter(board, advance)], links, here=here)
+
+
+def _chapter(board: ReportBoard, advance: Advance) -> Chapter:
+    advance(board.name)
+    page = board.page
+    sections = [part.section for part in page.sections]
+    figures = tuple(panels(part, board, sections) for part in page.sections)
+    rows = [row for part in page.sections for row in part.rows]
+    lacking = board.protocol.spec.answer == "contacts" and not any(
+        row.first.name in board.runs for row in rows
+    )
+    text = WITHOUT_FRAMES.format(board.name) if lacking else ""
+    return Chapter(re.sub(r"[^a-z0-9-]", "-", board.name), page, figures, text)
+
+
+def _rendered(
+    data: ReportData,
+    chapters: Sequence[Chapter],
+    links: Sequence[tuple[str, str]],
+    *,
+    here: str = "",
+    address: Callable[[str, str], str] | None = None,
+) -> str:
+    """Return a page.
+
+    Args:
+        data: Data of the report.
+        chapters: Boards that are shown.
+        links: Address and name of the chapters, or of the other pages of a site.
+        here: The page's own address in a site.
+        address: Makes the link to a row from its protocol and its anchor, for the table over all
+            boards; None: a page without this table.
+    """
+    script = asset("page.js")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    overall = None
+    if address is not None:
+        lines = overview({board.name: board.records for board in data.boards})
+        lead = overview_spec().protocol
+        overall = overview_table(lines, link=lambda anchor: address(lead, anchor))
+    return render(
+        "report.html.j2",
+        origin=data.origin,
+        version=__version__,
+        links=links,
+        here=here,
+        chapters=chapters,
+        style=asset("page.css"),
+        script=script,
+        policy=POLICY.format(f"sha256-{digest}"),
+        overall=overall,
+        glance=address is not None,
+        reading=READING,
+    )

@@ -1,0 +1,230 @@
+"""The figures of a report: the same pictures as those of the command line."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tactibench.board import Frontier, Row, Section, frontiers, machine
+from tactibench.errors import UserError
+from tactibench.metrics import Trials, gospa_per_frame
+from tactibench.protocols.board_spec import board_spec
+from tactibench.report.board_pages import PageSection, machine_words
+from tactibench.report.curve_plots import LEARNING, curve_figure, doubling_figure, stability_figure
+from tactibench.report.distance_plot import distance_figure, fitted_series, threshold_figure
+from tactibench.report.frame_plots import worst_frames_figure
+from tactibench.report.frontier_plot import frontier_figure, off_nominal
+from tactibench.report.plot_data import frontier_table
+from tactibench.report.run_pictures import RunArrays
+from tactibench.report.style import CURVES, image_bytes
+from tactibench.report.tables import Table
+
+if TYPE_CHECKING:
+    from tactibench.report.html_report import ReportBoard
+
+COLUMNS = 10
+"""Most models beside each other in a heat map."""
+WORST_ROWS, WORST = 8, 3
+"""Most rows whose worst frames are shown, the best first, and number of frames of each."""
+PAGE_DPI = 100
+MOST_PICTURES = 3
+"""Most pictures of one kind and sensor. Where they cannot hold all rows, one picture of the best is
+drawn: a picture takes a second or more, and nobody compares hundreds by eye."""
+MOST_POINTS = 24
+"""Most points beside the line of a frontier that can still be told apart."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Option:
+    """One choice of a panel.
+
+    Attributes:
+        label: Name of the choice.
+        image: The picture, as a data URI.
+        tables: Numbers behind the picture, where no table of the page has them.
+        note: Words below the picture.
+    """
+
+    label: str
+    image: str
+    tables: tuple[Table, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A figure under a heading, of which one option is shown.
+
+    Attributes:
+        title: The heading.
+        caption: How to read the figure.
+        options: Options of the choice.
+        ask: Name of the choice.
+    """
+
+    title: str
+    caption: str
+    options: tuple[Option, ...]
+    ask: str = "rows"
+
+
+def panels(part: PageSection, board: ReportBoard, sections: Sequence[Section] = ()) -> list[Panel]:
+    """Return the figures of one sensor.
+
+    Args:
+        part: Tables of the sensor.
+        board: Board of the section.
+        sections: All sections of the board.
+    """
+    return [panel for panel in _all_panels(part, board, sections) if panel.options]
+
+
+def _all_panels(
+    part: PageSection, board: ReportBoard, sections: Sequence[Section]
+) -> Iterator[Panel]:
+    rows = [row for row in part.rows if not row.trivial]
+    error, axes, where = board_spec(board.name).ranking, board.protocol.spec.axes, part.title
+    caption = (
+        "Bars: 95 % over presses, of all seeds. Off-nominal: the same models where the sensor is "
+        "not the nominal one."
+    )
+    yield Panel("Speed against error", caption, _frontiers(part, board, sections), "timed on")
+    series = [line for line in map(fitted_series, rows) if len(line.resolved) > 1]
+    yield Panel(
+        "Error against distance",
+        "Means over seeds; bars: 95 % over presses. Hollow: less than half of the pairs were "
+        "resolved, so that the error is one of few. Dashed lines: published means over all "
+        "distances, of another sensor and other presses.",
+        _options(series, partial(distance_figure, published=board.published, measured_on=where)),
+    )
+    yield Panel(
+        "Seen as two",
+        "Above: an unresolved pair counts its true distance. Below: share of pairs resolved "
+        "(exactly two contacts predicted, both matched), and the logistic fit behind the "
+        "threshold. Fits are means over seeds; where one does not cross 75 % at any tested "
+        "distance, the points are joined instead.",
+        _options(series, partial(threshold_figure, measured_on=where)),
+    )
+    if error is not None:
+        untitled = replace(LEARNING, title="")
+        draw = partial(curve_figure, error=error, caption=untitled, measured_on=where)
+        yield Panel("Learning curve", "Bars: 95 % over presses.", _options(part.curves, draw))
+    if axes:
+        yield Panel(
+            "Where the error doubles",
+            "Value at which the error is twice that of the easy case; the name of a family says "
+            "from where to where its cases go. Dark: doubled early. n/a: the easy case costs more "
+            "than half the gate already. A model with a small error doubles it early.",
+            _options(
+                rows, partial(doubling_figure, axes=axes, title="", measured_on=where), size=COLUMNS
+            ),
+        )
+        yield Panel(
+            "Error case by case",
+            "Every panel is a family, from the easy case on the left to the hardest on the right. "
+            "A tick marks where the error is twice that of the easy case.",
+            _options(
+                rows, partial(stability_figure, axes=axes, title="", measured_on=where), "png"
+            ),
+        )
+    yield Panel(
+        "Worst frames",
+        "A ring of the tip's radius at every true contact, a cross at every predicted one. Ordered "
+        "by GOSPA (p = 1), in which a miss costs half the gate.",
+        tuple(_worst_frames(rows[:WORST_ROWS], board)),
+        "model",
+    )
+
+
+def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
+    data = base64.b64encode(image_bytes(figure, kind, PAGE_DPI)).decode()
+    return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
+
+
+def _options(
+    rows: Sequence[T],
+    draw: Callable[[Sequence[T]], Figure],
+    kind: Literal["png", "svg"] = "svg",
+    *,
+    size: int = CURVES,
+) -> tuple[Option, ...]:
+    """Return a picture for every ``size`` rows, the best first, named by their places."""
+    options = []
+    drawn = rows if len(rows) <= MOST_PICTURES * size else rows[:size]
+    for start in range(0, len(drawn), size):
+        part = drawn[start : start + size]
+        label = "" if len(rows) <= size else f"{start + 1} to {start + len(part)}"
+        note = f"The best {len(drawn)} of {len(rows):,} rows." if len(drawn) < len(rows) else ""
+        options.append(Option(label, _image(draw(part), kind), note=note))
+    return tuple(options)
+
+
+def _frontiers(
+    part: PageSection, board: ReportBoard, sections: Sequence[Section]
+) -> tuple[Option, ...]:
+    """Return a picture for every machine that timed rows."""
+    error = board_spec(board.name).ranking
+    rows, options = [row for row in part.rows if not row.trivial], []
+    if error is None:
+        return ()
+    for name in sorted({machine(record) for row in rows for record in row.records}):
+        regimes = [regime for regime in frontiers(rows, error, name) if regime.points]
+        if regimes:
+            words = f"{machine_words(regimes[0].points[0].row.first)} ({name})"
+            untimed = ", ".join(label for regime in regimes for label in regime.untimed)
+            note = f"Without a time or an error: {untimed}." if untimed else ""
+            other = off_nominal(board.name, part.section, sections, regimes)
+            drawn = [_less_crowded(regime) for regime in regimes]
+            figure = frontier_figure(drawn, error, off_nominal=other, title="")
+            tables = tuple(frontier_table(regime, error) for regime in regimes)
+            options.append(Option(words, _image(figure), tables, note))
+    return tuple(options)
+
+
+def _less_crowded(regime: Frontier) -> Frontier:
+    """Return the frontier with the points on its line and the best other points."""
+    others = [point for point in regime.points if point not in regime.best]
+    others.sort(key=lambda point: point.error.value)
+    labels = {point.label for point in (*regime.best, *others[:MOST_POINTS])}
+    return replace(regime, points=tuple(p for p in regime.points if p.label in labels))
+
+
+def _worst_frames(rows: Sequence[Row], board: ReportBoard) -> Iterator[Option]:
+    """Yield the worst of the frames that were stored with the first seed of every row."""
+    spec = board.protocol.spec
+    for row in rows if spec.answer == "contacts" else ():
+        run = board.runs.get(row.first.name)
+        if run is None:
+            continue
+        try:
+            arrays = RunArrays(run, spec)
+            frames = [int(k) for k in arrays.examples["index"]]
+            trials = Trials(
+                tuple(arrays.contacts[k] for k in frames),
+                tuple(arrays.predicted[k] for k in frames),
+                arrays.truth["press"][frames],
+                tuple(str(arrays.truth["group"][k]) for k in frames),
+                max_depth=spec.workspace.depth_max_mm,
+                gate=spec.test.gate_mm,
+                level=spec.test.level,
+            )
+            errors = gospa_per_frame(trials, 1).values
+            examples = [
+                (f"{trials.press[k]}: {errors[k]:.3f} mm", arrays.example(frames[k]))
+                for k in np.argsort(-errors, kind="stable")[:WORST]
+            ]
+            image = _image(worst_frames_figure(examples), "png")
+        except (UserError, KeyError, ValueError, IndexError):
+            continue  # a run with damaged arrays keeps its other figures
+        note = (
+            f"Seed {row.seeds[0]}, of the {len(frames)} frames that the run stored; "
+            f"{len(arrays.contacts):,} were tested."
+        )
+        yield Option(row.label, image, note=note)

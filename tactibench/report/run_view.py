@@ -1,0 +1,650 @@
+"""A run on the terminal: in about ten lines, or whole with all tables, published rows and times."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.board import (
+    FEWEST_PRESSES,
+    FEWEST_SEEDS,
+    NOT_STATED,
+    Placement,
+    Row,
+    measured_on,
+    prior_of,
+    settled_time,
+    times_bound,
+)
+from tactibench.metrics import condition
+from tactibench.protocols import (
+    UNTOUCHED,
+    Axis,
+    BoardSpec,
+    PublishedRow,
+    PublishedTable,
+    RunTable,
+    family_of,
+    rows_for,
+)
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Metric, Record, SpeedRow
+from tactibench.report.board_tables import family_table
+from tactibench.report.labels import (
+    HEADS,
+    NAMES,
+    duration,
+    fixed,
+    general,
+    is_share,
+    named,
+    number,
+    plural,
+    significant,
+    span,
+)
+from tactibench.report.tables import (
+    NO_INTERVAL,
+    PERCENT,
+    Caption,
+    Cell,
+    Column,
+    Head,
+    Number,
+    Table,
+    metric_number,
+    print_table,
+    table,
+)
+
+MISSES = {
+    "missed": ("missed", 1, " %"),
+    "spurious": ("spurious", 3, " a frame"),
+    "coverage": ("answered", 1, " %"),
+    "catch_resolved": ("single seen as two", 1, " %"),
+}
+"""Metrics that stand beside every error -> name, decimals and unit."""
+WHOLE = ("all", "mean")
+"""Groups that stand for all test frames."""
+MOST_METRICS = 4
+"""Most metrics of a protocol that declares no table: more would not be a summary."""
+GLOSSARY = "docs/glossary.md"
+NO_INTERVAL_NOTE = (
+    f"{NO_INTERVAL}: no interval. One press has none, and of few presses the bootstrap of R2 may "
+    "give none that holds its value."
+)
+FALSE = "false_per_1000"
+TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
+"""Metrics of hard cases that stand in sentences below the families, with their decimals."""
+DECIMALS = {"share": 1, "deg": 2, "": 2}
+"""Decimals of the list of further metrics, by unit; 3 for every other unit."""
+MOST_SETS = 3
+"""Most sets of test frames whose simulator error is said one by one; hard cases have thirty."""
+
+
+def print_summary(
+    console: Console, record: Record, folder: Path, place: Placement | None, board: Path
+) -> None:
+    """Print a run in about ten lines.
+
+    Args:
+        console: Console to print on.
+        record: Record of the run.
+        folder: Folder of the run, in its store.
+        place: Place of the run on the board; None where it has none.
+        board: Folder of the board.
+    """
+    headline = headline_table(record)
+    console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
+    count = plural(record.data.test, "test frame")
+    who = f"{run_label(record)}, {measured_on(record)}, seed {record.seed}: {count}"
+    console.print(Text(who))
+    _print_warning(console, record)
+    print_table(console, headline)
+    if lacks_interval(headline):
+        console.print(Text(NO_INTERVAL_NOTE, style="dim"), soft_wrap=True)
+    for line in (misses_line(record), speed_line(record)):
+        console.print(Text(line), soft_wrap=True)
+    console.print(Text(record.signature, style="dim"), soft_wrap=True)
+    text = f"more: --full; record and pictures: {folder}; words: {GLOSSARY}"
+    console.print(Text(text), soft_wrap=True)
+    console.print(Text(place_line(record, folder, place, board)), soft_wrap=True)
+
+
+def headline_table(record: Record) -> Table:
+    """Return the first main table that has groups, or else the metrics over all test frames."""
+    spec = board_spec(record.protocol.label)
+    run_table = next((columns for columns in spec.run_tables if columns.groups), None)
+    if run_table is not None:
+        units = {metric.metric: metric.unit for metric in record.metrics}
+        names = ["", *(named(name, units.get(name, "")) for name in run_table.metrics)]
+        return table(
+            names,
+            measured_rows(run_table, record)[0],
+            title=f"{run_table.title}: value [95 % interval]",
+        )
+    over_all = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
+    if spec.headline is not None:
+        first = (spec.headline.metric, spec.headline.group)
+        over_all.sort(key=lambda m: (m.metric, m.group) != first)
+    decimals = 3 if spec.headline is None else spec.headline.decimals
+    shown = [
+        (named(m.metric, m.unit), metric_number(m, decimals), f"{m.clusters:,}")
+        for m in over_all[:MOST_METRICS]
+    ]
+    return table(["", "value [95 % interval]", Column("presses")], shown)
+
+
+def misses_line(record: Record) -> str:
+    """Return what errors do not show: missed and spurious contacts, frames without an answer."""
+    values = {name: metric_number(record.metric(name, "all"), MISSES[name][1]) for name in MISSES}
+    parts = (
+        f"{MISSES[name][0]} {value}{MISSES[name][2]}"
+        for name, value in values.items()
+        if value is not None
+    )
+    return f"misses: {', '.join(parts) or 'not measured'}"
+
+
+def speed_line(record: Record) -> str:
+    """Return the time of one frame and the best rate; a star marks one that is not settled."""
+    totals = [row for row in record.speed if row.phase == "total"]
+    single = sorted((r for r in totals if r.scenario == "single"), key=lambda row: row.threads)
+    if not single:
+        return "speed: not timed"
+    fastest = max(totals, key=lambda row: row.per_s)
+    star = {id(row): "" if settled_time(row) else "*" for row in totals}
+    times = [
+        f"{number(row.p90_ms, 2)}{star[id(row)]} ms ({plural(row.threads, 'thread')})"
+        for row in single
+    ]
+    text = f"speed: frame to contacts, p90, {', '.join(times)}"
+    text += f", at most {fastest.per_s:,.0f}{star[id(fastest)]} frames/s"
+    return f"{text} (*: not settled, is the machine busy?)" if "*" in text else text
+
+
+def place_line(record: Record, folder: Path, place: Placement | None, board: Path) -> str:
+    """Return rank, distance to the bound, and what to do next, in one line.
+
+    Args:
+        record: Record of the run.
+        folder: Folder of the run, in its store.
+        place: Place of the run on the board; None where it has none.
+        board: Folder of the board.
+    """
+    parts = [*_place(record, place), f"next: {_next(record, folder.parent, place, board)}"]
+    return f"place: {'; '.join(parts)}"
+
+
+def _place(record: Record, place: Placement | None) -> Iterator[str]:
+    if place is None:
+        shortened = record.partial or record.limits.presses is not None
+        why = "a shortened run is on no board" if shortened else "no board row to compare with"
+        yield f"no rank, {why}"
+    else:
+        rank = f"rank {place.rank} of {place.rows} by {place.ranking.name}"
+        if place.rank is None:
+            rank = f"no rank yet, which takes {FEWEST_SEEDS} seeds and {FEWEST_PRESSES} presses"
+        if place.above is None:
+            yield f"{rank}, nothing above"
+        else:
+            pooled = place.above.metric(place.ranking.metric, place.ranking.group)
+            value = "" if pooled is None else f" {number(pooled.value, place.ranking.decimals)}"
+            yield f"{rank}, above it {place.above.label}{value}"
+    if ratios := times_bound(record):
+        low, high = map(significant, ratios)
+        ends = low if low == high else f"{low} to {high}"
+        yield f"RMSE {ends} times the bound"
+    else:
+        threshold, limit = (record.metric(name, "all") for name in ("threshold_mm", "limit_mm"))
+        if limit is not None and limit.value is not None and threshold is not None:
+            shown = metric_number(threshold, 2, interval=False)
+            yield f"threshold {shown or 'n/a'} mm, limit {number(limit.value, 2)} mm"
+
+
+def board_words(board: Path) -> list[str]:
+    """Return the option that names a board in a command; [] for the default one."""
+    return [] if board == Path("leaderboards") else ["--board", str(board)]
+
+
+def _next(record: Record, store: Path, place: Placement | None, board: Path) -> str:
+    if record.partial:
+        return "the same command without --quick and --limit"
+    on_board, name = board_words(board), record.protocol.id
+    if record.limits.presses is not None:
+        words = ["plot", "curve", name, "--store", str(store), *on_board]
+    elif place is not None and place.committed:
+        words = ["board", "show", name, *on_board]
+    else:
+        in_store = [] if store == Path("runs") else ["--store", str(store)]
+        words = ["board", "add", record.name, *in_store, *on_board]
+    command = shlex.join(["tactibench", *words])
+    if not board.is_dir():  # a verb refuses a board that is not there
+        command = f"{shlex.join(['mkdir', str(board)])} && {command}"
+    return f"it is on the board, see `{command}`" if words[1] == "show" else f"`{command}`"
+
+
+def print_run(
+    console: Console,
+    record: Record,
+    path: Path,
+    published: Sequence[PublishedTable],
+    axes: Sequence[Axis] = (),
+) -> None:
+    """Print one run beside published rows.
+
+    Args:
+        console: Console to print on.
+        record: Record of the run.
+        path: File of the record.
+        published: Tables of papers.
+        axes: Axes of the families of hard cases that the run tests.
+    """
+    spec = board_spec(record.protocol.label)
+    _print_heading(console, record)
+    if axes:
+        console.print()
+        print_table(console, family_table(Row((record,)), axes))
+        console.print()
+        for line in _totals(record):
+            console.print(Text(line))
+    main = [
+        _main_table(run_table, record, published)
+        for run_table in spec.run_tables
+        if run_table.compared or measured_rows(run_table, record)[1]
+    ]
+    for shown in main:
+        console.print()
+        print_table(console, shown)
+    for line in filter(None, (error_line(record), labels_line(record))):
+        console.print(Text(line))
+    for note in filter(None, (spec.note, *_comparability(record, published))):
+        console.print(Text(note, style="dim"))
+    further = [_further_metrics(record, spec, test) for test in ("", *spec.apart)]
+    for shown in further:
+        if shown.rows:
+            console.print()
+            print_table(console, shown)
+    if any(map(lacks_interval, (*main, *further))):
+        console.print(Text(NO_INTERVAL_NOTE, style="dim"))
+    _print_speed(console, record, spec, published)
+    console.print()
+    _print_warning(console, record)
+    console.print(Text(record.signature), soft_wrap=True)  # one line, to be copied whole
+    console.print(Text(f"record: {path}"), soft_wrap=True)
+
+
+def _print_heading(console: Console, record: Record) -> None:
+    data, tested = record.data, record.test_sensor
+    encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
+    console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
+    console.print(
+        Text(f"{run_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}")
+    )
+    why = "rejected by geometry" if record.sensor.recording is None else "of other ranges or tips"
+    rejected = f"; {data.rejected:,} {why}" if data.rejected else ""
+    if record.sensor.range is not None:
+        console.print(Text(f"pressed in its {record.sensor.range.text()}"))
+    frames = ""
+    if tested is not None and tested.presses != data.test:
+        frames = f"frames of {tested.presses:,} "
+    console.print(
+        Text(
+            f"{data.train:,} training, {data.validation:,} validation, "
+            f"{data.test:,} test {frames}presses{rejected}"
+        )
+    )
+    training = record.training
+    if training.epochs:
+        when = "weights reused, trained" if training.reused else "trained"
+        console.print(
+            Text(
+                f"{when} {training.epochs} epochs on {training.presses:,} "
+                f"presses in {duration(training.seconds or 0.0)}"
+            )
+        )
+    if mixed := training.notes.get("mixed"):
+        console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
+    if (prior := prior_of(record)) not in ("none", NOT_STATED):
+        console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
+    _print_warning(console, record)
+
+
+def labels_line(record: Record) -> str:
+    """Return how the true indentation follows from the labels; "" where nothing was fitted."""
+    adapted = record.data.of_tested_sensor
+    described = {} if adapted is None else adapted.described
+    if "label_fit" not in described:
+        return ""
+    fit, columns = described["label_fit"], described.get("columns", {})
+    depth, tilt = columns.get("depth", "depth label"), columns.get("tilt", "tilt label")
+    return (
+        f"true indentation: {depth} {described['depth_offset_mm']:+.3f} "
+        f"{described['pivot_mm']:+.2f} (1 - cos {tilt}) "
+        f"{described.get('pivot_side_mm', 0.0):+.2f} sin {tilt} mm, fitted to the pins of "
+        f"{fit['presses']:,} presses ({fit['left_out']:,} left out, misfit {fit['misfit']:.1%})"
+    )
+
+
+def _main_table(run_table: RunTable, record: Record, published: Sequence[PublishedTable]) -> Table:
+    """Return a table of this run and of published rows, each below a caption."""
+    rows, shown = measured_rows(run_table, record)
+    n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
+    head = f"measured here: {run_label(record)}, {measured_on(record)}"
+    captions: dict[int, tuple[Caption, ...]] = {}
+    if rows:
+        captions[0] = (Caption(head, "cyan"), Caption(f"n {n}, presses {presses}", "italic"))
+    for paper in published if run_table.compared else ():
+        head = f"published: {paper.measured_on} ({paper.name} {paper.year})"
+        for k, row in enumerate(rows_for(record.protocol.id, paper)):
+            if printed := _printed_rows(run_table, row):
+                label = Caption(_published_label(row), "italic")
+                captions[len(rows)] = (label,) if k else (Caption(head, "magenta"), label)
+                rows += printed
+    names = ["", *(HEADS[metric] for metric in run_table.metrics)]
+    title = f"{run_table.title}: value [95 % interval]"
+    return replace(table(names, rows, title=title), captions=captions)
+
+
+def _published_label(row: PublishedRow) -> str:
+    count = f", n {row.n:,} {row.unit}" if row.n else ""
+    return f"{row.label}: {row.source.split(',')[0]}{count}"
+
+
+def _printed_rows(run_table: RunTable, row: PublishedRow) -> list[list[Cell]]:
+    """Return the values of a paper, with no more digits than the paper or the column has."""
+    rows: list[list[Cell]] = []
+    for group in run_table.groups:
+        cells: list[Cell] = []
+        for name, decimals in run_table.metrics.items():
+            value, share = row.value(name, group), is_share(name)
+            printed = max(row.decimals - 2, 0) if share else row.decimals
+            write = fixed(min(printed, decimals))
+            scale = PERCENT if share else 1.0
+            cells.append(None if value is None else Number(scale * value, write))
+        if any(cells):
+            rows.append([group, *cells])
+    return rows
+
+
+def _comparability(record: Record, published: Sequence[PublishedTable]) -> Iterable[str]:
+    """Return why published rows can or cannot be compared with this run, each reason once."""
+    words = {"yes": "Comparable", "partly": "Partly comparable", "no": "Not comparable"}
+    simulated = record.sensor.origin == "simulated"
+    reasons = []
+    for row in (row for paper in published for row in rows_for(record.protocol.id, paper)):
+        if simulated:
+            reasons.append(f"Not comparable (simulated here): {row.note}")
+        elif row.comparable == "yes" and not record.data.published_frames:
+            reasons.append("Not comparable: this run was not tested on the published test frames.")
+        else:
+            reasons.append(f"{words[row.comparable]}: {row.note}")
+    return dict.fromkeys(reasons)
+
+
+def _further_metrics(record: Record, spec: BoardSpec, test: str) -> Table:
+    """Return a table of every metric that no main table shows, with its counts.
+
+    Args:
+        record: Record of the run.
+        spec: Tables of the protocol.
+        test: Name of a test scored apart, which is left out of its groups; "": the main test.
+    """
+    groups = {m.group: m.group for m in record.metrics if family_of(m.group) not in spec.apart}
+    if test:
+        of_test = {m.group for m in record.metrics if family_of(m.group) == test}
+        groups = {name: name.removeprefix(test).removeprefix(":") or "all" for name in of_test}
+    metrics = [
+        metric
+        for metric in record.metrics
+        if metric.group in groups and _is_further(metric, record, spec.run_tables)
+    ]
+    grouped = any(groups[metric.group] != "all" for metric in metrics)
+    rows: list[list[Cell]] = []
+    last = ""
+    for metric in metrics:
+        name = "" if metric.metric == last else named(metric.metric, metric.unit)
+        value = metric_cell(metric, DECIMALS.get(metric.unit, 3))
+        group = (groups[metric.group],) if grouped else ()
+        rows.append([name, *group, value, f"{metric.n:,}", f"{metric.clusters:,}"])
+        last = metric.metric
+    group_head = ("of",) if grouped else ()
+    counts = (Column("n"), Column("presses"))
+    title = f"Also measured, {test}" if test else "Also measured"
+    heads: list[Head] = [title, *group_head, "value [95 % interval]", *counts]
+    return table(heads, rows)
+
+
+def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> bool:
+    """Return whether no main table shows a metric; of hard cases only totals count."""
+    if any(metric.metric in t.metrics and metric.group in t.groups for t in tables):
+        return False
+    by_distance = any(metric.metric in t.metrics and not t.groups for t in tables)
+    if by_distance and condition(metric.group) is not None:
+        return False
+    hard = any(other.metric == "error_ratio" for other in record.metrics)
+    return not hard or (metric.group == "all" and metric.metric not in TOTALS)
+
+
+def _under_faults(record: Record) -> str:
+    """Return the false contacts in empty frames under faults; "" where none was tested."""
+    all_faults = record.metric(FALSE, UNTOUCHED)
+    if all_faults is None:
+        return ""
+    shares = (
+        f"{m.group.partition(':')[2]} {number(m.value, 1)}"
+        for m in record.metrics
+        if m.metric == FALSE and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
+    )
+    return (
+        f"  each under a fault: {metric_number(all_faults, 1, interval=True)} ({', '.join(shares)})"
+    )
+
+
+def _totals(record: Record) -> Iterator[str]:
+    totals = {m.metric: m for m in record.metrics if m.group == "all"}
+    for name, decimals in TOTALS.items():
+        total = metric_number(totals.get(name), decimals, interval=decimals > 0)
+        if total is not None:
+            yield f"{NAMES[name]}: {total}"
+        if name == FALSE and (line := _under_faults(record)):
+            yield line
+    failures = record.data.failures
+    for cause in () if failures is None else failures.causes:
+        yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"
+
+
+def run_label(record: Record) -> str:
+    """Return the model with its regime, in the form of the labels of published rows."""
+    label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+    return f"{label}, {record.shots:,} labelled presses" if record.shots else label
+
+
+def partial_line(record: Record) -> str:
+    """Return the warning of a run that was cut short; "" for a complete run."""
+    if not record.partial:
+        return ""
+    causes = ["quick"] if record.limits.quick else []
+    if record.limits.limit is not None:
+        causes.append(f"limit {record.limits.limit}")
+    cause = f" ({', '.join(causes)})" if causes else ""
+    return f"PARTIAL{cause}: not for a board"
+
+
+def _print_warning(console: Console, record: Record) -> None:
+    if line := partial_line(record):
+        console.print(Text(line, style="bold red"))
+
+
+def lacks_interval(shown: Table) -> bool:
+    """Return whether a table holds a value from which no interval could be made."""
+    cells = (cell for row in shown.rows for cell in row)
+    return any(isinstance(cell, Number) and str(cell).endswith(NO_INTERVAL) for cell in cells)
+
+
+def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]], list[Metric]]:
+    """Return the rows of a main table, one a group, and the metrics in them."""
+    metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
+    distances = {
+        group: distance
+        for name, group in metrics
+        if name in run_table.metrics and (distance := condition(group)) is not None
+    }
+    groups = run_table.groups or sorted(distances, key=distances.__getitem__)
+    shown = {
+        name: [metrics[name, group] for group in groups if (name, group) in metrics]
+        for name in run_table.metrics
+    }
+    decimals = {name: _decimals(run_table, name, shown[name]) for name in shown}
+    rows: list[list[Cell]] = [
+        [group, *(metric_cell(metrics.get((name, group)), decimals[name]) for name in shown)]
+        for group in groups
+    ]
+    return rows, [metric for column in shown.values() for metric in column]
+
+
+def metric_cell(metric: Metric | None, decimals: int) -> Number | None:
+    """Return the number of a metric, with its interval where that tells something."""
+    value = metric_number(metric, decimals)
+    if value is None or metric is None:
+        return None
+    if metric.metric == "r2" and value.ends == (value.text, value.text):
+        return replace(value, interval=None)  # R2 of 1.0000 [1.0000, 1.0000]
+    # A bound is a tested distance, which is written without further digits: "< 6.5".
+    return replace(value, write=general) if value.bound else value
+
+
+def _decimals(run_table: RunTable, name: str, shown: Sequence[Metric]) -> int:
+    """Return the decimals; by distance one less where values reach 1 mm or 10 deg.
+
+    So the tables of two-point discrimination fit 80 columns.
+    """
+    decimals = run_table.metrics[name]
+    if run_table.groups:
+        return decimals
+    if is_share(name):
+        return decimals + any(row.n > 100 and row.value is not None for row in shown)
+    tops = (row.value if row.high is None else row.high for row in shown)
+    top = max((top for top in tops if top is not None), default=0.0)
+    return decimals - (top >= (10.0 if name.endswith("_deg") else 1.0))
+
+
+def _print_speed(
+    console: Console, record: Record, spec: BoardSpec, published: Sequence[PublishedTable]
+) -> None:
+    """Print the error with the share that qualifies it beside the speed, then every timed phase."""
+    facts = record.environment
+    console.print()
+    console.print(Text("Speed beside error", style="bold"))
+    for line in _headline(record, spec):
+        console.print(Text(line))
+    machine = f"{facts.cpu}, {plural(facts.threads, 'thread')}, fingerprint {facts.fingerprint}"
+    console.print(Text(machine, style="dim"))
+    if record.speed:
+        print_table(console, _phases(record.speed))
+        unsettled = dict.fromkeys(
+            f"{row.scenario} (batch {row.batch}, {plural(row.threads, 'thread')})"
+            for row in record.speed
+            if not settled_time(row)
+        )
+        if unsettled:
+            text = (
+                f"NOT SETTLED: times of {', '.join(unsettled)} still drifted, or something else "
+                "computed meanwhile"
+            )
+            console.print(Text(text, style="yellow"))
+    if record.efficiency:
+        console.print(Text(_cost(record)))
+    for paper in published:
+        for row in rows_for(record.protocol.id, paper):
+            if row.speed:
+                text = (
+                    f"published: {row.label}, {row.speed.phase} {row.speed.per_s:g} per s on "
+                    f"{row.speed.hardware}, another machine"
+                )
+                console.print(Text(text, style="magenta"))
+
+
+def _headline(record: Record, spec: BoardSpec) -> Iterator[str]:
+    """Yield the error, the share that qualifies it, and the latency of one frame."""
+    if spec.headline is not None:
+        metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
+        shown = (
+            (spec.headline.metric, spec.headline.group, spec.headline.decimals, "mm"),
+            (spec.headline.qualifier, "all", 1, "%"),
+        )
+        for name, group, decimals, unit in shown:
+            value = metric_number(metrics.get((name, group)), decimals)
+            yield f"{NAMES[name]} {'n/a' if value is None else f'{value} {unit}'}"
+    times = [
+        f"{number(row.p90_ms, 2)} ms on {plural(row.threads, 'thread')}"
+        for row in record.speed
+        if row.scenario == "single" and row.phase == "total"
+    ]
+    yield f"one frame to contacts, p90: {', '.join(times) or 'not timed'}"
+
+
+def _phases(speed: Sequence[SpeedRow]) -> Table:
+    """Return the times of every phase for single frames, and of the whole call for batches."""
+    rows: list[list[Cell]] = []
+    last: tuple[str, ...] = ()
+    for row in speed:
+        if row.scenario == "offline" and row.phase != "total":
+            continue
+        key = (row.scenario, str(row.batch), str(row.threads))
+        times = (Number(value, fixed(2)) for value in (row.p50_ms, row.p90_ms, row.p99_ms))
+        rate = f"{row.per_s:,.0f}" if row.phase == "total" else ""
+        rows.append([*(("", "", "") if key == last else key), row.phase, *times, rate])
+        last = key
+    times_heads = map(Column, ("p50 ms", "p90 ms", "p99 ms", "frames/s"))
+    heads: list[Head] = ["scenario", "batch", "threads", "phase", *times_heads]
+    return table(heads, rows)
+
+
+def _cost(record: Record) -> str:
+    cost = record.efficiency
+    flops, memory = cost.flops_per_frame, cost.peak_memory_mb
+    parts = [
+        "weights n/a" if cost.parameters is None else f"{cost.parameters:,} weights",
+        "operations n/a" if flops is None else f"{1e-9 * flops:.3g} GFLOP a frame",
+        "peak memory n/a" if memory is None else f"peak memory of the process {memory:,.0f} MB",
+    ]
+    if cost.training_s is not None:
+        parts.append(f"training {cost.training_s:,.0f} s")
+    return f"cost: {', '.join(parts)}"
+
+
+def error_line(record: Record) -> str:
+    """Return how far the simulator is from finite elements; "" where the record states nothing."""
+    errors = record.data.simulator
+    known = [error for error in errors if error.median_mm is not None and error.max_mm is not None]
+    title = "simulator's own error at a pin"
+    if not known:
+        return f"{title}: not known" if errors else ""
+    if len(errors) <= MOST_SETS:
+        parts = [
+            f"{error.name if len(errors) > 1 else ''} median {error.median_mm:.3f}, "
+            f"95 % {error.p95_mm:.3f}, at most {error.max_mm:.3f} mm".strip()
+            + _unknown(error.unknown, error.scenes)
+            for error in known
+        ]
+        parts += [f"{error.name} not known" for error in errors if error not in known]
+        return f"{title}, against finite elements: {'; '.join(parts)}"
+    medians = [error.median_mm or 0.0 for error in known]
+    largest = max(error.max_mm or 0.0 for error in known)
+    unknown, scenes = sum(error.unknown for error in errors), sum(e.scenes for e in errors)
+    ends = sorted({f"{min(medians):.3f}", f"{max(medians):.3f}"})
+    return (
+        f"{title}, against finite elements: median {' to '.join(ends)} mm"
+        f"{' by family' if len(ends) > 1 else ''}, at most {largest:.3f} mm"
+        f"{_unknown(unknown, scenes)}"
+    )
+
+
+def _unknown(unknown: int, scenes: int) -> str:
+    return f" (not known for {unknown:,} of {scenes:,} scenes)" if unknown else ""

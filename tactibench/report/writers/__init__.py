@@ -1,1 +1,0 @@
-"""Writers of tables: one module for each format, with a function from a table to text."""

@@ -1,0 +1,208 @@
+"""Hard cases on a page, in a picture and in a terminal: doubling points, errors, failures."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from tactibench.board import family_errors
+from tactibench.board.grouping import rows_of
+from tactibench.metrics import FAMILIES
+from tactibench.protocols import load_protocol
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import Cause, Failures, Metric, Record
+from tactibench.report import (
+    board_page,
+    case_frames_figure,
+    doubling_figure,
+    doubling_number,
+    doubling_table,
+    image_bytes,
+    print_run,
+    share_of_cases,
+    stability_figure,
+)
+
+PROTOCOL = load_protocol("stability")
+AXES = PROTOCOL.spec.axes
+
+
+def metric(name: str, group: str, value: float | None, **more: Any) -> Metric:
+    ends = (
+        {"low": None, "high": None} if value is None else {"low": 0.9 * value, "high": 1.1 * value}
+    )
+    unit = {"missed": "share", "ospa_mm": "mm"}.get(name, "")
+    values = {**ends, "n": 50, "clusters": 50, "unit": unit, "better": "lower", **more}
+    return Metric(metric=name, group=group, value=value, **values)
+
+
+def record(
+    fabricate: Any,
+    model: str = "unet",
+    scale: float = 1.0,
+    doubles: dict[str, float] | None = None,
+    **more: Any,
+) -> Record:
+    """Errors that grow along every axis; families double at their first value, or never."""
+    made = fabricate("stability", model, encoder=None, error=scale, speed=[], **more)
+    for axis in AXES:
+        groups = ((axis.reference,) if axis.reference else ()) + axis.groups
+        for k, group in enumerate(groups):
+            made.metrics += [
+                metric("ospa_mm", group, scale * 0.1 * (k + 1)),
+                metric("missed", group, 0.05 * k),
+                metric("spurious", group, 0.0),
+            ]
+            if axis.reference and k:
+                made.metrics.append(metric("error_ratio", group, float(k + 1)))
+        if axis.ordered and axis.family == "deep":
+            made.metrics.append(metric("doubles_at", "deep", 6.5, censored=">"))
+        elif axis.ordered:
+            at = (doubles or {}).get(axis.family, axis.values[0])
+            made.metrics.append(metric("doubles_at", axis.family, at))
+    made.metrics += [
+        metric("worst_ratio", "all", 6.0),
+        metric("false_per_1000", "all", 3.0),
+        metric("not_finite", "all", 0.0, low=None, high=None),
+        metric("raised", "all", 2.0, low=None, high=None),
+    ]
+    made.data.failures = Failures(
+        frames=2, causes=[Cause(cause="IndexError: [b]no", first="many:6", frames=2)]
+    )
+    return made
+
+
+def test_every_metric_of_the_protocol_exists_and_every_column_is_one_of_them() -> None:
+    names = set(PROTOCOL.spec.metrics.names)
+    assert names <= set(FAMILIES)
+    assert {c.metric for block in board_spec("stability").blocks for c in block.columns} <= names
+
+
+def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
+    text = board_page(PROTOCOL, [record(fabricate), record(fabricate, "mean", 10.0)], []).markdown()
+    part = text.split("Where the error doubles: what is pressed")[1].split("</details>")[0]
+    heads = next(line for line in part.split("\n") if line.startswith("| model"))
+    assert "grazing, mm" in heads
+    assert "blur" not in heads
+    (row,) = [line for line in part.split("\n") if line.startswith("| unet ")]
+    assert "&gt; 6.5" in row
+    assert "<br><sub>0.45 – 0.55</sub>" in row  # grazing at 0.5 mm
+    faults = text.split("the camera and its light")[1].split("</details>")[0]
+    assert "shift, px" in faults
+    assert "individual" not in faults  # its values have no order
+    assert "Speed and cost" not in text
+
+
+def test_other_pages_have_no_such_tables(fabricate: Any) -> None:
+    assert "doubles" not in board_page(load_protocol("exp1"), [fabricate()], []).markdown()
+
+
+def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
+    one, other = record(fabricate), record(fabricate, seed=1)
+    (row,) = rows_of([one, other])
+    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "grazing")
+    assert family.doubles is not None
+    assert family.doubles.value == pytest.approx(0.5)
+    assert [case.value for case in family.cases] == [2, 0.5, 0.3, 0.2, 0.1, 0.05]
+    assert family.cases[0].easy
+    assert family.worst is not None
+    assert family.worst.value == 6
+    other.metrics = [m for m in other.metrics if m.metric != "doubles_at"]
+    (row,) = rows_of([one, other])
+    assert all(f.doubles is None for f in family_errors(row, AXES))
+    assert doubling_number(None) is None
+
+
+def printed(made: Record) -> str:
+    console = Console(width=120, record=True, file=io.StringIO())
+    print_run(console, made, Path("runs/x/record.json"), [], AXES)
+    return console.export_text()
+
+
+def test_a_terminal_shows_a_line_a_family_and_what_failed(fabricate: Any) -> None:
+    text = printed(record(fabricate))
+    lines = {line.split()[0].rstrip(","): line for line in text.split("\n") if line.strip()}
+    for axis in AXES:
+        assert axis.family in lines
+    assert "> 6.5" in lines["deep"]
+    assert "false contacts per 1,000 empty frames: 3.0 [2.7, 3.3]" in text
+    assert "frames on which the model raised an exception: 2" in text
+    assert "2 x IndexError: [b]no (first: many:6)" in text
+    assert len(text.split("\n")) < 70  # the hundreds of cases are not listed one by one
+
+
+def test_many_models_are_compared_without_intervals(fabricate: Any) -> None:
+    few = rows_of([record(fabricate), record(fabricate, "cnn")])
+    many = rows_of([record(fabricate, name) for name in ("cnn", "unet", "vgnn")])
+    shown = doubling_table(few, AXES).rows[0][2], doubling_table(many, AXES).rows[0][2]
+    assert [str(cell) for cell in shown] == ["0.5 [0.45, 0.55]", "0.5"]
+
+
+def test_the_same_rows_give_the_same_picture(fabricate: Any) -> None:
+    some = [axis for axis in AXES if axis.family in {"grazing", "deep", "individual"}]
+    rows = rows_of([record(fabricate, f"model{k}", scale=1 + k) for k in range(9)])
+    pictures = [image_bytes(stability_figure(rows, some), "png", 60) for _ in range(2)]
+    assert pictures[0] == pictures[1]
+
+
+def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any) -> None:
+    made = record(fabricate)
+    for row in made.metrics:
+        if row.group.startswith("blur"):
+            row.value = row.low = row.high = None
+        if row.metric == "ospa_mm" and row.group.startswith("deep"):
+            row.value = row.low = row.high = 0.0
+    some = [axis for axis in AXES if axis.family in {"blur", "deep"}]
+    figure = stability_figure(rows_of([made]), some)
+    points = [len(axes.containers[0][0].get_xdata()) for axes in figure.axes[:2]]  # type: ignore[index]
+    assert max(points) <= 1  # the easy case alone, which belongs to another family
+
+
+def test_a_heat_map_has_a_cell_for_every_family_and_model(fabricate: Any) -> None:
+    rows = rows_of([record(fabricate), record(fabricate, "vgnn", doubles={"grazing": 0.1})])
+    panel = doubling_figure(rows, AXES).axes[0]
+    ordered = [axis for axis in AXES if axis.ordered]
+    assert len(panel.patches) == len(ordered) * len(rows)
+    shown = [text.get_text() for text in panel.texts]
+    assert shown.count("> 6.5") == len(rows)
+    assert "0.1" in shown
+    assert "n/a" not in shown
+
+
+def test_a_cell_without_a_value_stays_white_and_says_so(fabricate: Any) -> None:
+    made = record(fabricate)
+    made.metrics = [m for m in made.metrics if (m.metric, m.group) != ("doubles_at", "grazing")]
+    some = [axis for axis in AXES if axis.family in {"grazing", "deep"}]
+    panel = doubling_figure(rows_of([made]), some).axes[0]
+    assert len(panel.patches) == 1
+    assert "n/a" in [text.get_text() for text in panel.texts]
+
+
+@pytest.mark.parametrize(
+    ("value", "share"), [(2, 0), (0.5, 0.2), (0.4, 0.3), (0.3, 0.4), (0.05, 1)]
+)
+def test_colour_is_the_place_along_the_cases_where_values_fall(
+    fabricate: Any, value: float, share: float
+) -> None:
+    (row,) = rows_of([record(fabricate, doubles={"grazing": value})])
+    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "grazing")
+    assert share_of_cases(family) == pytest.approx(share)
+
+
+def test_an_error_that_never_doubles_is_at_the_end(fabricate: Any) -> None:
+    (row,) = rows_of([record(fabricate)])
+    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "deep")
+    assert share_of_cases(family) == 1
+
+
+def test_frames_of_the_cases_are_drawn_where_there_are_any() -> None:
+    image = np.full((32, 32), 90, np.uint8)
+    frames = {group: image for axis in AXES[:4] for group in axis.groups}
+    figure = case_frames_figure({**frames, "plain:0": image}, AXES[:8], title="cases")
+    drawn = {axes.get_title() for axes in figure.axes if axes.images}
+    assert {f"{value:g}" for axis in AXES[:1] for value in axis.values} <= drawn

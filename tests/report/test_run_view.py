@@ -1,0 +1,359 @@
+"""A run as it is printed, in ten lines and whole: readable at 80 columns, honest about numbers."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from tactibench.board import Placement, Row, ranking_error
+from tactibench.protocols import load_protocol
+from tactibench.records import AdaptedSensor, Metric, Record, SimulatorError
+from tactibench.report import (
+    board_page,
+    error_line,
+    labels_line,
+    metric_number,
+    misses_line,
+    partial_line,
+    place_line,
+    print_summary,
+    speed_line,
+)
+
+PROTOCOLS = ["exp1", "exp2", "exp3", "surface"]
+FOLDER = Path("runs/somewhere")
+BOARD = Path("leaderboards")
+NUMBERS = {"median_mm": 0.0792, "p95_mm": 0.1532, "max_mm": 0.2208}
+NOTHING = dict.fromkeys(NUMBERS)
+LINE = "median 0.079, 95 % 0.153, at most 0.221 mm"
+AGAINST = "simulator's own error at a pin, against finite elements: "
+
+
+@pytest.fixture(autouse=True)
+def in_folder_with_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is next depends on the boards that are there."""
+    monkeypatch.chdir(tmp_path)
+    BOARD.mkdir()
+    Path("lab").mkdir()
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_run_is_printed_whole_and_narrow(
+    record: Any, render: Any, protocol: str, snapshot: Any
+) -> None:
+    shown = record(protocol)
+    text = render(shown)
+    assert text == snapshot
+    long = {
+        shown.signature,
+        f"record: experiments/of/a/long/name/tactile/runs/{shown.name}/record.json",
+    }
+    assert long < set(text.splitlines())
+    assert all(len(line) <= 84 for line in text.splitlines() if line not in long)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_run_is_printed_in_about_ten_lines(
+    record: Callable[..., Record], protocol: str, snapshot: Any
+) -> None:
+    text = summary(record(protocol))
+    assert text == snapshot
+    assert 8 <= len(text.splitlines()) <= 13
+
+
+def placed(
+    record: Record, place: Placement | None, folder: Path = FOLDER, board: Path = BOARD
+) -> str:
+    return place_line(record, folder, place, board)
+
+
+def summary(record: Record, place: Placement | None = None) -> str:
+    console = Console(file=io.StringIO(), width=80, force_terminal=False)
+    print_summary(console, record, FOLDER, place, BOARD)
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_every_metric_is_shown_with_its_interval(record: Any, render: Any, protocol: str) -> None:
+    shown = record(protocol)
+    for k, one in enumerate(shown.metrics):  # so that no row can stand in for another
+        one.value, one.low, one.high = (start + k / 100 for start in (0.3017, 0.2917, 0.3117))
+    text = " ".join(render(shown).split())
+    for one in shown.metrics:
+        if one.censored:
+            continue
+        options = {str(metric_number(one, decimals) or "n/a") for decimals in range(5)}
+        assert any(option in text for option in options), one
+
+
+def test_a_simulated_run_is_never_called_comparable(record: Any, render: Any) -> None:
+    shown = record("surface")
+    assert "Comparable: Frame for frame" in render(shown)
+    shown.sensor.origin = "simulated"
+    assert "Not comparable (simulated here): Frame for frame" in render(shown)
+
+
+def test_other_test_frames_are_never_called_comparable(record: Any, render: Any) -> None:
+    shown = record("surface")
+    shown.data.published_frames = False
+    assert "Comparable: Frame for frame" not in render(shown)
+    assert "not tested on the published test frames" in " ".join(render(shown).split())
+
+
+def test_a_model_that_resolves_nothing_shows_na_and_its_misses(
+    exp2: Any, record: Any, render: Any
+) -> None:
+    text = render(record("exp2", metrics=exp2(resolved=0.0)))
+    assert re.search(r"^6\.5 +0 \[0, 7\] +n/a +6\.50 \[6\.10, 6\.90\] +n/a", text, re.M)
+    assert "None" not in text
+    assert "nan" not in text
+
+
+def test_a_censored_threshold_is_a_limit(row: Any, record: Any, render: Any) -> None:
+    assert re.search(r"two-point threshold \(75 %\), mm +< 6\.5 ", render(record("exp2")))
+    bound = row("threshold_mm", "all", 12.0, censored=">")
+    assert str(metric_number(bound, 1)) == "> 12.0"
+
+
+@pytest.mark.parametrize(
+    ("limits", "line"),
+    [
+        ({"quick": True, "limit": None}, "PARTIAL (quick): not for a board"),
+        ({"quick": False, "limit": 50}, "PARTIAL (limit 50): not for a board"),
+        ({"quick": True, "limit": 50}, "PARTIAL (quick, limit 50): not for a board"),
+        ({"quick": False, "limit": None}, "PARTIAL: not for a board"),
+    ],
+)
+def test_a_partial_run_says_so_above_and_below(
+    record: Any, render: Any, limits: dict[str, Any], line: str
+) -> None:
+    lines = render(record("exp1", partial=True, limits=limits)).splitlines()
+    places = [k for k, text in enumerate(lines) if text == line]
+    assert len(places) == 2
+    assert lines[places[1] + 1].startswith("tactibench 0.1.0|")
+    assert partial_line(record("exp1", limits=limits)) == ""
+
+
+def test_a_protocol_without_a_layout_is_listed_whole(record: Any, render: Any) -> None:
+    shown = record("exp3")
+    shown.protocol.id = "mine"
+    text = render(shown)
+    assert text.count("\n") > len(shown.metrics)
+    assert "published" not in text
+
+
+def test_markup_in_names_is_text(record: Any, render: Any) -> None:
+    assert "[bold]x[/bold]" in render(record("exp1", signature="[bold]x[/bold]"))
+
+
+def test_a_run_states_how_its_true_indentation_was_made(record: Any) -> None:
+    whole = record("exp1")
+    described = {
+        "depth_offset_mm": 5.034,
+        "pivot_mm": 20.53,
+        "pivot_side_mm": -0.375,
+        "columns": {"depth": "pose_2", "tilt": "pose_6"},
+        "label_fit": {"presses": 1500, "left_out": 12, "misfit": 0.025, "lean_deg": 90.0},
+    }
+    tested = AdaptedSensor(described=described)
+    data = whole.data.model_copy(update={"of_tested_sensor": tested})
+    assert labels_line(whole.model_copy(update={"data": data})) == (
+        "true indentation: pose_2 +5.034 +20.53 (1 - cos pose_6) -0.38 sin pose_6 mm, fitted to "
+        "the pins of 1,500 presses (12 left out, misfit 2.5%)"
+    )
+    assert labels_line(whole) == ""
+
+
+def test_times_that_did_not_settle_and_missing_times_are_told(record: Any, render: Any) -> None:
+    shown = record("exp1")
+    offline = {"scenario": "offline", "batch": 32, "threads": 2, "settled": False}
+    batch = shown.speed[0].model_copy(update=offline)
+    shown.speed += [batch, batch.model_copy(update={"phase": "total", "per_s": 812.4})]
+    text = render(shown)
+    assert len(re.findall(r"^offline +32 +2 +total .* 812 *$", text, re.M)) == 1
+    assert "NOT SETTLED: times of offline (batch 32, 2 threads) still" in " ".join(text.split())
+    assert "p90: not timed" in render(record("exp1", speed=[]))
+
+
+def test_what_the_model_costs_is_told(record: Any, render: Any) -> None:
+    efficiency = {
+        "parameters": 1944625,
+        "flops_per_frame": 395575296,
+        "peak_memory_mb": 412.4,
+        "training_s": 301.2,
+    }
+    assert (
+        "cost: 1,944,625 weights, 0.396 GFLOP a frame, "
+        "peak memory of the process 412 MB, training 301 s"
+    ) in " ".join(render(record("exp1", efficiency=efficiency)).split())
+    text = " ".join(render(record("exp1", efficiency=dict.fromkeys(efficiency))).split())
+    assert "cost: weights n/a, operations n/a, peak memory n/a" in text
+
+
+def test_a_protocol_without_tables_shows_its_first_metrics(
+    record: Callable[..., Record], row: Callable[..., Metric]
+) -> None:
+    made = record("exp1").model_copy(deep=True)
+    made.protocol.id = "mine"
+    text = summary(made)
+    assert "value [95 % interval]" in text
+    assert "misses: missed " in text
+
+
+def test_a_partial_run_says_so_and_has_no_rank(fabricate: Callable[..., Record]) -> None:
+    made = fabricate(partial=True, limits={"quick": True, "limit": 10})
+    assert "PARTIAL (quick, limit 10): not for a board" in summary(made)
+    line = placed(made, None)
+    assert line.startswith("place: no rank, a shortened run is on no board")
+    assert "without --quick and --limit" in line
+
+
+RATIOS = (("x", 1.5), ("y", 20.0), ("z", 1021.3))
+
+
+def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None:
+    ranking, above = ranking_error("exp1"), Row((fabricate(model="cnn", error=0.0412),))
+    made = fabricate(metrics=tuple(("rmse_over_bound", axis, value) for axis, value in RATIOS))
+    line = placed(made, Placement(ranking, 3, 9, above))
+    assert "rank 3 of 9 by GOSPA (p = 1), above it cnn + hertz (single) 0.0412" in line
+    assert "RMSE 1.50 to 1,021 times the bound" in line
+    assert line.endswith(f"next: `tactibench board add {made.name}`")
+    assert "rank 1 of 9 by GOSPA (p = 1), nothing above" in placed(
+        made, Placement(ranking, 1, 9, None)
+    )
+    assert "no rank yet, which takes 3 seeds and 20 presses, above it cnn" in placed(
+        made, Placement(ranking, None, 9, above)
+    )
+
+
+@pytest.mark.parametrize(
+    ("store", "board", "presses", "committed", "hint"),
+    [
+        ("runs", "leaderboards", None, False, "`tactibench board add NAME`"),
+        (
+            "my runs",
+            "lab",
+            None,
+            False,
+            "`tactibench board add NAME --store 'my runs' --board lab`",
+        ),
+        ("runs", "new", None, False, "`mkdir new && tactibench board add NAME --board new`"),
+        ("old", "lab", None, True, "on the board, see `tactibench board show exp1 --board lab`"),
+        ("old", "leaderboards", 250, False, "`tactibench plot curve exp1 --store old`"),
+        ("runs", "lab", 250, False, "`tactibench plot curve exp1 --store runs --board lab`"),
+    ],
+)
+def test_what_is_next_can_be_pasted(
+    fabricate: Callable[..., Record],
+    store: str,
+    board: str,
+    presses: int | None,
+    committed: bool,
+    hint: str,
+) -> None:
+    made = fabricate(limits={"presses": presses})
+    place = Placement(ranking_error("exp1"), 1, 9, None, committed=True) if committed else None
+    line = placed(made, place, Path(store) / made.name, Path(board))
+    assert line.endswith(hint.replace("NAME", made.name))
+
+
+def test_pairs_are_held_against_the_limit(
+    record: Callable[..., Record], row: Callable[..., Metric]
+) -> None:
+    made = record("exp2")
+    made.metrics.append(
+        Metric.model_validate(
+            {**made.metrics[0].json_values(), "metric": "limit_mm", "group": "all", "value": 0.34}
+        )
+    )
+    assert ", limit 0.34 mm" in placed(made, None)
+
+
+def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -> None:
+    made = fabricate(p90_ms=6.0)
+    assert speed_line(made) == (
+        "speed: frame to contacts, p90, 6.00 ms (1 thread), 6.00 ms (2 threads), "
+        "at most 167 frames/s"
+    )
+    made.speed[0].settled = False
+    assert "p90, 6.00* ms (1 thread), 6.00 ms (2 threads), at most" in speed_line(made)
+    assert speed_line(made).endswith(" frames/s (*: not settled, is the machine busy?)")
+    assert speed_line(made.model_copy(update={"speed": []})) == "speed: not timed"
+
+
+def test_misses_that_nobody_measured(fabricate: Callable[..., Record]) -> None:
+    assert misses_line(fabricate()).startswith("misses: missed 1.0 [0.9, 1.1] %, spurious 0.002")
+    none = fabricate().model_copy(update={"metrics": []})
+    assert misses_line(none) == "misses: not measured"
+
+
+def test_a_value_without_an_interval_is_explained(fabricate: Callable[..., Record]) -> None:
+    made = fabricate(metrics=(("r2", "mean", -0.01),))
+    r2 = made.metric("r2", "mean")
+    assert r2 is not None
+    r2.unit, r2.low, r2.high, r2.n, r2.clusters = "", None, None, 10, 10
+    text = summary(made)
+    assert "-0.0100 [none]" in text
+    assert "[none]: no interval." in text
+    r2.value = r2.low = r2.high = 0.99999
+    text = summary(made)
+    assert "1.0000 [" not in text, "an interval narrower than its last digit"
+    assert "[none]" not in text
+
+
+def error(name: str = "pairs", scenes: int = 1200, unknown: int = 0, **more: Any) -> SimulatorError:
+    return SimulatorError(name=name, scenes=scenes, unknown=unknown, **{**NUMBERS, **more})
+
+
+def with_errors(record: Record, *errors: SimulatorError) -> Record:
+    data = record.data.model_copy(update={"simulator": list(errors)})
+    return record.model_copy(update={"data": data})
+
+
+@pytest.mark.parametrize(
+    ("errors", "line"),
+    [
+        ([error()], f"{AGAINST}{LINE}"),
+        (
+            [error(), error("catch", 120, median_mm=0.02, p95_mm=0.0277, max_mm=0.028)],
+            f"{AGAINST}pairs {LINE}; catch median 0.020, 95 % 0.028, at most 0.028 mm",
+        ),
+        (
+            [error(unknown=1100)],
+            f"{AGAINST}{LINE} (not known for 1,100 of 1,200 scenes)",
+        ),
+        ([error(unknown=1200, **NOTHING)], "simulator's own error at a pin: not known"),
+        (
+            [error(), error("plates", 10, 10, **NOTHING)],
+            f"{AGAINST}pairs {LINE}; plates not known",
+        ),
+        (
+            [
+                *(error(f"f{k}", 50, median_mm=0.01 * k) for k in range(1, 5)),
+                error("sharp", 50, 50, **NOTHING),
+            ],
+            f"{AGAINST}median 0.010 to 0.040 mm by "
+            "family, at most 0.221 mm (not known for 50 of 250 scenes)",
+        ),
+        ([], ""),
+    ],
+)
+def test_the_line(record: Any, errors: list[SimulatorError], line: str) -> None:
+    assert error_line(with_errors(record("exp2"), *errors)) == line
+
+
+def test_a_board_shows_the_line_of_the_first_row_that_has_one_and_no_markup(fabricate: Any) -> None:
+    """Rows of one section are tested on the same scenes."""
+    without = fabricate(seed=0)
+    page = board_page(load_protocol("exp1"), [without], ()).markdown()
+    assert "own error" not in page
+    hostile = with_errors(fabricate(seed=1), error("<b>|x"), error("y"))
+    page = board_page(load_protocol("exp1"), [without, hostile], ()).markdown()
+    assert page.count("own error") == 1
+    assert "<b>" not in page
