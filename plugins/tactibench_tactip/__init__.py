@@ -1,1 +1,8 @@
-"""Sensor `tactip`: a real TacTip pressed by a UR arm or a serial stage, and emulators of both."""
+"""A real TacTip under a robot: sensor ``tactip`` and the verbs of ``tactibench hw``.
+
+The names are listed in ``__init__.pyi`` and imported when they are used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

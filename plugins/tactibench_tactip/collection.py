@@ -1,4 +1,8 @@
-"""From a configuration and a plan to a data set on the disk, or to a dry run."""
+"""Collection of a plan's presses into a data set; it may be interrupted at any time.
+
+An acknowledged sample is never lost and never made twice: the plan is written first, a sample is
+written when it is complete, and a later session makes the presses that the data set lacks.
+"""
 
 from __future__ import annotations
 
@@ -7,34 +11,317 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
-from tactibench import UserError, __version__
-from tactibench.datasets import FRAMES, Header, Writer, is_dataset, open_dataset
+from tactibench import Indenter, UserError, __version__
+from tactibench.datasets import FRAMES, Draft, Header, Writer, is_dataset, open_dataset
 from tactibench.lab import Press
-from tactibench_tactip.camera import Camera, Image
-from tactibench_tactip.collector import Callbacks, Collector, SessionReport
-from tactibench_tactip.errors import RobotLostError, StopNowError
-from tactibench_tactip.frame_check import Reference
-from tactibench_tactip.plan import CollectionPlan, check_plan, with_smallest_turn
-from tactibench_tactip.press_geometry import geometry_of
-from tactibench_tactip.robots.base import make_robot
+from tactibench_tactip.camera import Camera, CameraError, Image, Reference
+from tactibench_tactip.geometry import geometry_of
+from tactibench_tactip.plan import (
+    CollectionPlan,
+    by_indenter,
+    check_plan,
+    indenter_settings,
+    is_mounted,
+    with_smallest_turn,
+)
+from tactibench_tactip.robots import GuardError, ProtectiveStopError, StopNowError, make_robot
 from tactibench_tactip.settings import Settings
-from tactibench_tactip.station import Station
+from tactibench_tactip.station import PressResult, Station
+from tactibench_tactip.touch import FirstTouch, TouchAge, find_touch
 
-RECONNECTS = 2
-"""Most times that a UR is connected again without a press in between; its watchdog has stopped
-it."""
-NO_CALLBACKS = Callbacks()
+MountRequest = Callable[[Indenter, int], bool]
+"""A function that asks a person to mount an indenter for a number of presses, and returns whether
+it was done."""
+
+ATTEMPTS = 2
+"""Attempts at a press in a session before it is written as bad."""
+STOPS_OF_PRESS = 2
+"""Protective stops at one press, over all sessions, before it is given up."""
 FLAT = 0.02
 """Greatest relative change of the brightness between two groups of frames before a collection."""
 ALIKE_LEVELS = 6.0
 """Mean difference, grey levels, that the undeformed sensor may have when a collection goes on."""
+DRIFT_MM = 0.05
+"""Drift of first touch between two searches above which a warning is given."""
+
+
+@dataclass
+class SessionReport:
+    """The outcome of a session.
+
+    Attributes:
+        ok: Samples that may be used.
+        bad: Samples that were written as bad.
+        touches: First touches, in order.
+        left: Presses that are still missing.
+        interrupted: Whether a person ended it.
+    """
+
+    ok: int = 0
+    bad: int = 0
+    touches: list[FirstTouch] = field(default_factory=list)
+    left: int = 0
+    interrupted: bool = False
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """Functions by which a session tells and asks a person.
+
+    Attributes:
+        notify: Takes a sentence for a person.
+        advance: Takes the number of samples just written.
+        should_end: Returns whether to end after this press.
+        mount: Asks for another indenter, and returns whether it is mounted.
+    """
+
+    notify: Callable[[str], None] = lambda _: None
+    advance: Callable[[int], None] = lambda _: None
+    should_end: Callable[[], bool] = lambda: False
+    mount: MountRequest = lambda _indenter, _count: False
+
+
+NO_CALLBACKS = Callbacks()
+
+
+class Collector:
+    """One session at an open station.
+
+    Attributes:
+        report: Outcome so far.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        plan: CollectionPlan,
+        writer: Writer,
+        callbacks: Callbacks,
+    ) -> None:
+        self.report = SessionReport()
+        self._station, self._plan, self._writer = station, plan, writer
+        self._callbacks = callbacks
+        self._session = uuid.uuid4().hex[:12]
+        self._touch = TouchAge(station.settings)
+        self._bad_in_row = 0
+        self._stops: Counter[int] = Counter(
+            int(event["id"]) for event in writer.events if event.get("kind") == "protective-stop"
+        )
+
+    def run(self) -> None:
+        """Make the presses that are missing.
+
+        Presses that need another indenter are made when ``mount`` says that it is mounted.
+
+        Raises:
+            UserError: A device failed, a press may not be made, or too many presses in a row were
+                bad.
+        """
+        report, writer, settings = self.report, self._writer, self._station.settings
+        todo = [press for press in self._plan.presses if press.id not in writer.done]
+        writer.event(
+            "session",
+            session=self._session,
+            todo=len(todo),
+            press_mm_s=settings.robot.press_mm_s,
+            settle_s=settings.timing.settle_s,
+            robot=self._station.robot.describe(),
+        )
+        groups = sorted(
+            by_indenter(todo).items(), key=lambda item: not is_mounted(settings.indenter, item[0])
+        )
+        try:
+            for indenter, presses in groups:
+                if not report.interrupted and self._mount(indenter, len(presses)):
+                    self._press_all(presses)
+        except StopNowError:
+            report.interrupted = True
+        finally:
+            report.left = len(self._plan) - len(writer.done)
+
+    def _mount(self, indenter: Indenter, count: int) -> bool:
+        """Return whether the indenter is mounted; where it is not, a person is asked to do it."""
+        station = self._station
+        if is_mounted(station.settings.indenter, indenter):
+            return True
+        settings = indenter_settings(indenter)
+        if settings is None:
+            return False
+        station.make_room()
+        if not station.robot.mount(indenter) and not self._callbacks.mount(indenter, count):
+            return False
+        station.mount(settings)
+        return True
+
+    def _press_all(self, presses: Iterable[Press]) -> None:
+        """Make the presses of one indenter, whose length is not known before it first touches."""
+        first = True
+        for press in presses:
+            if self._callbacks.should_end():
+                self.report.interrupted = True
+                return
+            if first or self._touch.is_due:
+                self._find_touch(first=first)
+                first = False
+            self._press(press)
+
+    def _find_touch(self, *, first: bool) -> None:
+        """Take a new rest frame, find first touch from it, and check all planned poses again."""
+        station = self._station
+        rest = station.look_at_rest()
+        self._writer.reference(rest.image)
+        before = station.geometry.z0
+        touch = find_touch(station, first=first)
+        drift = 0.0 if first else touch.z0_mm - before
+        self._writer.event(
+            "touch",
+            session=self._session,
+            z0_mm=touch.z0_mm,
+            spread_mm=touch.spread_mm,
+            drift_mm=drift,
+            method=touch.method,
+            power=touch.power,
+            brightness=rest.brightness,
+            pins=rest.pins,
+        )
+        if abs(drift) > DRIFT_MM:
+            self._callbacks.notify(f"first touch drifted by {drift:+.3f} mm")
+        station.check_plan(self._plan)
+        self.report.touches.append(touch)
+        self._touch = TouchAge(station.settings)
+
+    def _press(self, press: Press) -> None:
+        """Make one press until it is written.
+
+        Where the whole setup has a fault, nothing is written, so that the next session makes this
+        press.
+
+        Raises:
+            UserError: The setup has a fault, or too many presses in a row were bad.
+        """
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                result, reason = self._station.press_checked(with_smallest_turn(press.scene))
+            except ProtectiveStopError as error:
+                self._event("protective-stop", press, str(error))
+                self._stops[press.id] += 1
+                if self._stops[press.id] >= STOPS_OF_PRESS:
+                    self._write(press, None, attempt, str(error))
+                raise ProtectiveStopError(
+                    f"{error} It was at press {press.id}. Look at the arm and the sensor, release "
+                    "the stop on the pendant, and go on with the same command."
+                ) from None
+            except CameraError as error:
+                self._event("camera", press, str(error))
+                if attempt == ATTEMPTS:
+                    raise
+                self._station.camera.now()  # reopens the camera, or raises where it is gone
+                continue
+            except GuardError as error:
+                self._event("tripped", press, str(error))
+                if attempt == ATTEMPTS:
+                    self._write(press, None, attempt, str(error))
+                    return
+                continue
+            if not reason or attempt == ATTEMPTS:
+                break
+            self._event("bad-frame", press, reason)
+        if reason:
+            self._station.check_undeformed()
+        self._write(press, result, attempt, reason)
+
+    def _write(self, press: Press, result: PressResult | None, attempt: int, reason: str) -> None:
+        """Write a press.
+
+        Args:
+            press: The press.
+            result: Its outcome; None: it was aborted, and the undeformed sensor is written.
+            attempt: Number of the attempt, from 1.
+            reason: Why its frame is bad; "" where it is good.
+
+        Raises:
+            UserError: Too many samples in a row were bad.
+        """
+        station = self._station
+        image = station.rest_reference().image if result is None else result.check.image
+        bad = "aborted" if result is None else "bad_frame"
+        extra: dict[str, Any] = {  # every row has every key, with a value of the same type
+            "draw": press.draw,
+            "outcome": bad if reason else "ok",
+            "reason": reason,
+            "depth_cmd_mm": float(press.scene.pose.depth),
+            "depth_meas_mm": 0.0,
+            "z0_mm": station.geometry.z0,
+            "z0_method": station.settings.contact.method,
+            "pose_cmd": [],
+            "pose_meas_before": [],
+            "pose_meas_after": [],
+            "force_n": [],
+            "t_settle_ns": 0,
+            "robot_timestamp": [],
+            "looks": 0,
+            "brightness_mean": float(image.mean()),
+            "brightness_std": float(image.std()),
+            "saturated": 0.0,
+            "n_pins": -1,
+        }
+        if result is not None:
+            state = result.state
+            extra |= {
+                "depth_meas_mm": result.scene.pose.depth,
+                "pose_cmd": _floats(result.commanded),
+                "pose_meas_before": _floats(result.before),
+                "pose_meas_after": _floats(result.after),
+                "force_n": _floats(state.force_n or ()),
+                "t_settle_ns": result.settled_ns,
+                "robot_timestamp": [] if state.time_s is None else [state.time_s],
+                "looks": result.looks,
+                "saturated": result.check.saturated,
+                "n_pins": result.check.pins,
+            }
+        draft = Draft(
+            image,
+            press.id,
+            press.scene if result is None else result.scene,
+            press=press.name,
+            session=self._session,
+            t_frame_ns=None if result is None else result.check.t_ns,
+            extra=extra,
+            status="bad" if reason else "ok",
+            attempt=attempt,
+        )
+        self._writer.add_many([draft])
+        self._touch.presses += 1
+        self._callbacks.advance(1)
+        if not reason:
+            self.report.ok += 1
+            self._bad_in_row = 0
+            return
+        self.report.bad += 1
+        self._bad_in_row += 1
+        self._callbacks.notify(f"press {press.id}: {reason}; written as bad")
+        if self._bad_in_row >= station.settings.safety.give_up:
+            raise UserError(
+                f"{self._bad_in_row} presses in a row were bad, the last because of press "
+                f"{press.id}: {reason}; fix that, then go on with the same command."
+            )
+
+    def _event(self, kind: str, press: Press, reason: str) -> None:
+        self._writer.event(kind, id=press.id, reason=reason, session=self._session)
+
+
+def _floats(values: Iterable[float]) -> list[float]:
+    return [float(value) for value in values]
 
 
 class StopSignals:
@@ -42,13 +329,11 @@ class StopSignals:
 
     Attributes:
         end_requested: Set once the session shall end after this press.
-        stop: Function that stops the robot; it does nothing until there is one.
     """
 
-    def __init__(self, notify: Callable[[str], None]) -> None:
+    def __init__(self, notify: Callable[[str], None], stop: Callable[[], None]) -> None:
         self.end_requested = threading.Event()
-        self.stop: Callable[[], None] = lambda: None
-        self._notify = notify
+        self._notify, self._stop = notify, stop
 
     def interrupt(self, number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
         """Handle a signal."""
@@ -58,7 +343,7 @@ class StopSignals:
             return
         self.end_requested.set()
         self._notify("stopping the robot")
-        self.stop()
+        self._stop()
 
     @contextmanager
     def installed(self) -> Iterator[None]:
@@ -80,9 +365,7 @@ def collect(
     folder: Path,
     *,
     callbacks: Callbacks = NO_CALLBACKS,
-    on_station: Callable[[Station], None] = lambda _: None,
     speed_scale: float = 1.0,
-    emulated: bool = False,
 ) -> SessionReport:
     """Make the presses of a plan that the folder lacks, and close it when it has them all.
 
@@ -90,14 +373,12 @@ def collect(
     the data set, the robot connected; only then something moves.
 
     Args:
-        settings: Configuration of the setup.
+        settings: Configuration of the setup. A data set of simulated devices says so, and no real
+            device can go on with it.
         plan: The presses.
         folder: Folder of the data set.
         callbacks: Functions that tell and ask a person.
-        on_station: Function that is called with every station that is entered.
         speed_scale: Factor of this session's speeds; the data set's configuration stays as it is.
-        emulated: Whether the devices are emulators. The data set says so, and no real device can go
-            on with it.
 
     Returns:
         The outcome of this session.
@@ -111,52 +392,35 @@ def collect(
         return SessionReport()
     robot = make_robot(settings)
     check_plan(plan, settings, geometry_of(settings), turns=robot.turns)
-    report = SessionReport()
     with ExitStack() as stack:
-        camera = stack.enter_context(Camera(settings.camera))
+        camera = stack.enter_context(robot.camera(settings.camera))
         warm_up(camera, settings)
-        header = _header(settings, plan, camera, folder, emulated=emulated)
-        writer = stack.enter_context(Writer(folder, header, plan.rows()))
+        writer = stack.enter_context(
+            Writer(folder, _header(settings, plan, camera, folder), plan.rows())
+        )
         for sentence in writer.repaired:
             callbacks.notify(f"{folder}: {sentence}")
         callbacks.advance(len(writer.done))
         if len(writer.done) == len(plan):
-            return report
-        signals = StopSignals(callbacks.notify)
-        stack.enter_context(signals.installed())
+            return SessionReport()
+        station = Station(settings.with_speed_scale(speed_scale), robot, camera)
+        signals = StopSignals(callbacks.notify, station.stop_now)
         callbacks = replace(callbacks, should_end=signals.end_requested.is_set)
-        losses = 0
-        while True:
-            before = len(writer.done)
-            station = Station(settings.with_speed_scale(speed_scale), robot, camera)
-            signals.stop = station.stop_now
-            try:
-                with station:
-                    on_station(station)
-                    if writer.done:
-                        _check_same_sensor(station.look_at_rest(), folder)
-                    Collector(station, plan, writer, report, callbacks).run()
-                break
-            except StopNowError:  # before the first press
-                report.interrupted, report.left = True, len(plan) - len(writer.done)
-                break
-            except RobotLostError as error:
-                writer.event("lost", reason=str(error))
-                losses = losses + 1 if len(writer.done) == before else 1
-                if (
-                    settings.robot.driver != "ur"
-                    or losses > RECONNECTS
-                    or signals.end_requested.is_set()
-                ):
-                    raise
-                callbacks.notify(f"{error} Connecting again.")
-                robot = make_robot(settings)
-            except UserError as error:
-                writer.event("error", reason=str(error))
-                raise
-        if not report.left:
+        session = Collector(station, plan, writer, callbacks)
+        try:
+            with signals.installed(), station:
+                if writer.done:
+                    _check_same_sensor(station.look_at_rest(), folder)
+                session.run()
+        except StopNowError:  # before the first press
+            session.report.interrupted = True
+            session.report.left = len(plan) - len(writer.done)
+        except UserError as error:
+            writer.event("error", reason=str(error))
+            raise
+        if not session.report.left:
             _write_splits(writer, plan)
-    return report
+    return session.report
 
 
 def dry_run(
@@ -187,8 +451,7 @@ def dry_run(
     station = Station(settings)
     station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
     station.check_plan(CollectionPlan("dry run", tuple(presses), {}))
-    signals = StopSignals(lambda _: None)
-    signals.stop = station.stop_now
+    signals = StopSignals(lambda _: None, station.stop_now)
     with suppress(StopNowError), signals.installed(), station:
         for press in presses:
             if signals.end_requested.is_set():
@@ -232,9 +495,7 @@ def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
     return dataset.header.status == "closed" and list(dataset.plan()) == plan.rows()
 
 
-def _header(
-    settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path, *, emulated: bool
-) -> Header:
+def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path) -> Header:
     """Return the header of a collection.
 
     To go on with a data set, the camera must be the same, and so must the configuration except for
@@ -252,7 +513,7 @@ def _header(
         name="tactip",
         sensor={
             "name": settings.sensor.name,
-            **({"origin": "simulated"} if emulated else {}),
+            **({"origin": "simulated"} if settings.simulated else {}),
             "plugin": f"tactibench_tactip {__version__}",
             "configuration": configuration,
             "sha256": hashlib.sha256(text.encode()).hexdigest(),

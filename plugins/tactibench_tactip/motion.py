@@ -13,9 +13,11 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from tactibench_tactip.errors import GuardError, ProtectiveStopError, RobotError, StopNowError
-from tactibench_tactip.poses import (
+from tactibench import Scene
+from tactibench_tactip.geometry import (
     Array,
+    PressGeometry,
+    PressPath,
     angle_between,
     distance_between,
     envelope_violation,
@@ -23,10 +25,13 @@ from tactibench_tactip.poses import (
     matrix,
     pose_of,
 )
-from tactibench_tactip.robots.base import (
-    ProbingRobot,
+from tactibench_tactip.robots import (
+    GuardError,
+    ProtectiveStopError,
     Robot,
+    RobotError,
     RobotState,
+    StopNowError,
     connect_seconds,
     run_within,
 )
@@ -45,9 +50,9 @@ REACHED_MM, REACHED_DEG = 0.1, 0.2
 OFF_LINE_MM = 2.0
 """Distance of the tool from its line above which a move is stopped."""
 STOP_S = 3.0
-"""Most host seconds to wait until a stopped robot stands still."""
-PROBE_MM = 0.5
-"""Length of a step of a probe; between two steps it is checked whether to stop."""
+"""Longest wait until a stopped robot stands still."""
+SLACK_MM = 0.05
+"""Distance below clearance at which the tool still counts as being at clearance."""
 
 Guard = Callable[[Pose6], str]
 """A function of the pose in the work frame during a move, which returns a reason to stop it, or
@@ -74,9 +79,9 @@ def move_seconds(start: Pose6, end: Pose6, speed: float, acceleration: float) ->
     return max(seconds, angle_between(start, end) / TURN_DEG_S)
 
 
-def patience(expected_s: float, time_scale: float) -> float:
-    """Return the host seconds after which a move is given up: twice its time, and 2 s more."""
-    return 2.0 * expected_s / time_scale + 2.0
+def patience(expected_s: float) -> float:
+    """Return the seconds after which a move is given up: twice its time, and 2 s more."""
+    return 2.0 * expected_s + 2.0
 
 
 def distance_from_line(start: Pose6, end: Pose6, here: Pose6) -> float:
@@ -132,7 +137,9 @@ class Mover:
             GuardError: The tool leaves its line, or the guard returns a reason.
             StopNowError: Somebody asked to stop.
         """
-        self._check_target(target, "the tool")
+        violation = envelope_violation(self._settings.envelope, target)
+        if violation:
+            raise RobotError(f"the tool was to go to {violation}; nothing was moved.")
         self._go(target, speed, guard)
 
     def come_in(self, speed: float) -> None:
@@ -153,40 +160,54 @@ class Mover:
         self._go((0.0, 0.0, z, a, b, c), speed, None)
         self._go((0.0, 0.0, max(z, -limits.above_mm), a, b, c), speed, None)
 
-    def probe(self, target: Pose6, speed: float, guard: Guard) -> Pose6 | None:
-        """Move towards a pose in the work frame until a probe's contact closes.
-
-        It moves in short steps, because the robot answers nothing during a step.
+    def descend(self, path: PressPath, guard: Guard) -> None:
+        """Move along a path, above, near and down, from any place at clearance.
 
         Args:
-            target: The pose.
-            speed: Speed, mm/s.
-            guard: Guard that is asked before every step.
-
-        Returns:
-            The pose at which the contact closed; None: it did not close.
-
-        Raises:
-            RobotError: The target lies outside the envelope, or the robot is not normal or fails.
-            GuardError: The guard returns a reason.
-            StopNowError: Somebody asked to stop.
+            path: Path of the press.
+            guard: Guard of the moves to near and down.
         """
-        self._check_target(target, "the probe")
-        robot = self._robot
-        assert isinstance(robot, ProbingRobot), "asked before"  # noqa: S101
-        start = self.pose()
-        steps = max(1, math.ceil(distance_between(start, target) / PROBE_MM))
-        for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
-            self._check_halt()
-            self._check_normal()
-            reason = guard(self.pose())
-            if reason:
-                raise GuardError(reason)
-            x, y, z = (a + share * (b - a) for a, b in zip(start[:3], target[:3], strict=True))
-            contact = robot.probe(pose_of(self._work @ matrix((x, y, z, *target[3:]))), speed)
-            if contact is not None:
-                return pose_of(self._from_base @ matrix(contact))
-        return None
+        robot = self._settings.robot
+        self.go(path.above, robot.approach_mm_s)
+        self.go(path.near, robot.approach_mm_s, guard)
+        self.go(path.down, robot.press_mm_s, guard)
+
+    def withdraw(self, scene: Scene, geometry: PressGeometry) -> None:
+        """Move straight back along the approach axis to clearance, unless the tool is that high."""
+        reached = geometry.reached(scene, self.pose())
+        clear = geometry.clear_depth(reached)
+        if not math.isfinite(clear):  # beside the dome: up along the work frame's own axis
+            self.raise_straight(geometry)
+        elif reached.pose.depth > clear + SLACK_MM:
+            self.go(geometry.at_depth(reached, clear), self._settings.robot.retract_mm_s)
+
+    def raise_straight(self, geometry: PressGeometry) -> None:
+        """Move up along the work frame's z until the whole indenter is clearance_mm above the apex.
+
+        It starts from any place, and comes before any sideways motion.
+        """
+        x, y, z, a, b, c = self.pose()
+        if z > geometry.clear_height + SLACK_MM:
+            above = (x, y, geometry.clear_height, a, b, c)
+            self.go(above, self._settings.robot.approach_mm_s)
+
+    def force_guard(self) -> Guard:
+        """Return a guard that stops where the force differs by ``max_force_n`` from now."""
+        before, most_n = self.force(), self._settings.envelope.max_force_n
+
+        def guard(_: Pose6) -> str:
+            force = self.force()
+            if before is None or force is None:
+                return ""
+            change = float(np.linalg.norm(force - before))
+            if change <= most_n:
+                return ""
+            return (
+                f"the force changed by {change:.1f} N, envelope.max_force_n allows {most_n:g} N; "
+                "look what is in the way."
+            )
+
+        return guard
 
     def stop(self) -> None:
         """Stop the robot and wait until it stands still, at most STOP_S."""
@@ -201,13 +222,13 @@ class Mover:
         self._check_normal()
 
     def rest(self, seconds: float) -> None:
-        """Stand still for a time of the devices' clock.
+        """Stand still for a time.
 
         Raises:
             StopNowError: Somebody asked to stop.
             RobotError: The robot is not normal.
         """
-        end = time.monotonic() + seconds / self._settings.robot.time_scale
+        end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             self.check()
             time.sleep(min(TICK_S, left))
@@ -235,7 +256,7 @@ class Mover:
     def _wait(self, start: Pose6, target: Pose6, speed: float, guard: Guard | None) -> None:
         robot = self._settings.robot
         expected = move_seconds(start, target, speed, robot.acceleration_mm_s2)
-        limit = patience(expected, robot.time_scale)
+        limit = patience(expected)
         end = time.monotonic() + limit
         try:
             while self._robot.moving():
@@ -272,11 +293,6 @@ class Mover:
         if not state.normal:
             kind = ProtectiveStopError if state.stopped else RobotError
             raise kind(f"the robot is not normal: {state.description}.")
-
-    def _check_target(self, target: Pose6, name: str) -> None:
-        violation = envelope_violation(self._settings.envelope, target)
-        if violation:
-            raise RobotError(f"{name} was to go to {violation}; nothing was moved.")
 
 
 class RobotThread:
@@ -323,7 +339,7 @@ class RobotThread:
 
         Args:
             job: Function of the mover.
-            deadline_s: Host seconds within which the job must end.
+            deadline_s: Seconds within which the job must end.
 
         Raises:
             RobotError: The job has not ended by the deadline.

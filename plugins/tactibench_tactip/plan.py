@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, TypeVar
-
-import numpy as np
 
 from tactibench import Indenter, Scene, UserError
 from tactibench.lab import Press, plan_presses, press_rows
-from tactibench_tactip.poses import angle_between, envelope_violation
-from tactibench_tactip.press_geometry import PressGeometry, geometry_of
-from tactibench_tactip.press_path import path_of, path_seconds
-from tactibench_tactip.settings import IndenterSettings, Settings
+from tactibench_tactip.geometry import (
+    PressGeometry,
+    PressPath,
+    angle_between,
+    envelope_violation,
+    geometry_of,
+)
+from tactibench_tactip.motion import move_seconds
+from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
 
 T = TypeVar("T")
 
@@ -177,8 +179,8 @@ def _refusal(scene: Scene, settings: Settings, geometry: PressGeometry, turns: b
     deepest = settings.sensor.deepest_mm
     if scene.pose.depth > deepest:
         return f"a depth of {scene.pose.depth:.2f} mm, sensor.deepest_mm allows {deepest:g} mm"
-    path = path_of(scene, geometry, settings)
-    for pose in path.poses:
+    path = geometry.path(scene)
+    for pose in (path.above, path.near, path.down):
         violation = envelope_violation(settings.envelope, pose)
         if violation:
             return violation
@@ -192,11 +194,32 @@ def _refusal(scene: Scene, settings: Settings, geometry: PressGeometry, turns: b
 
 
 def estimate_seconds(presses: Iterable[Press], settings: Settings) -> float:
-    """Return the device seconds that presses take, searches for first touch included."""
+    """Return the time that presses take, s, searches for first touch included."""
     geometry = geometry_of(settings)
-    paths = [path_of(with_smallest_turn(press.scene), geometry, settings) for press in presses]
+    paths = [geometry.path(with_smallest_turn(press.scene)) for press in presses]
     searches = 1 + len(paths) // settings.contact.every_presses
     return sum(path_seconds(path, settings) + CAPTURE_S for path in paths) + SEARCH_S * searches
+
+
+def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) -> float:
+    """Return the time that a press takes, s, without its frames.
+
+    Args:
+        path: Path of the press.
+        settings: Configuration of the setup.
+        sideways_mm: Distance from the press before.
+    """
+    robot = settings.robot
+    a = robot.acceleration_mm_s2
+    x, y, z, *turn = path.above
+    before: Pose6 = (x + sideways_mm, y, z, *turn)  # type: ignore[assignment]
+    return (
+        move_seconds(before, path.above, robot.approach_mm_s, a)
+        + move_seconds(path.above, path.near, robot.approach_mm_s, a)
+        + move_seconds(path.near, path.down, robot.press_mm_s, a)
+        + settings.timing.settle_s
+        + move_seconds(path.down, path.above, robot.retract_mm_s, a)
+    )
 
 
 def is_mounted(mounted: IndenterSettings, indenter: Indenter) -> bool:
@@ -248,34 +271,3 @@ def describe_indenter(indenter: Indenter) -> str:
         return f"two tips {tips}, {offsets[1][0] - offsets[0][0]:g} mm apart"
     heights = ", ".join(f"{offset[2]:g}" for offset in offsets)
     return f"{len(offsets)} tips {tips}, inserts {heights} mm"
-
-
-def draw_plan(
-    path: Path, plan: CollectionPlan, settings: Settings, geometry: PressGeometry
-) -> None:
-    """Write a PNG with the deepest poses of all presses, from above and from the side."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
-
-    limits = settings.envelope
-    paths = [path_of(with_smallest_turn(press.scene), geometry, settings) for press in plan.presses]
-    down = np.array([path.down[:3] for path in paths])
-    depth = np.array([press.scene.pose.depth for press in plan.presses])
-    figure = Figure(figsize=(10, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    above, side = figure.subplots(1, 2)
-    half = limits.half_width_mm
-    dots = above.scatter(down[:, 0], down[:, 1], c=depth, s=6, cmap="viridis")
-    above.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ls="--"))
-    title = f"{len(plan):,} presses, tool at its deepest"
-    above.set(xlabel="x of the work frame, mm", ylabel="y, mm", aspect="equal", title=title)
-    side.scatter(down[:, 0], down[:, 2], c=depth, s=6, cmap="viridis")
-    side.axhline(0.0, lw=0.8, color="0.5")
-    side.axhline(-limits.clearance_mm, lw=0.8, ls=":", color="0.5")
-    height = limits.above_mm + limits.below_mm
-    side.add_patch(Rectangle((-half, -limits.above_mm), 2 * half, height, fill=False, ls="--"))
-    side.set(xlabel="x, mm", ylabel="z into the object, mm", title="dashed: the envelope")
-    side.set_ylim(limits.below_mm + 2, -limits.clearance_mm - 4)
-    figure.colorbar(dots, ax=side, label="depth, mm")
-    figure.savefig(path, dpi=120)

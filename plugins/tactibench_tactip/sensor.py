@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError, __version__
-from tactibench_tactip.errors import DeviceError
+from tactibench_tactip.camera import DeviceError
 from tactibench_tactip.plan import describe_indenter, is_mounted, with_smallest_turn
 from tactibench_tactip.settings import Settings, read_settings
 from tactibench_tactip.station import Station
@@ -38,7 +38,7 @@ class TacTip(Sensor):
         if not self._config:
             raise UserError(
                 "sensor 'tactip' is a real one and needs a configuration: --param "
-                "sensor.config=FILE.toml (`tactibench hw emulate --write FILE.toml` makes one)."
+                "sensor.config=FILE.toml (`tactibench hw example` prints one)."
             )
         return read_settings(Path(self._config))
 
@@ -90,7 +90,8 @@ class TacTip(Sensor):
 
     def describe(self) -> dict[str, Any]:
         """Return the tables of the configuration that a data set keeps."""
-        return {"plugin": f"tactibench_tactip {__version__}", **self.settings.record()}
+        origin = {"origin": "simulated"} if self.settings.simulated else {}
+        return {"plugin": f"tactibench_tactip {__version__}", **origin, **self.settings.record()}
 
     @property
     def _open(self) -> Station:

@@ -39,7 +39,6 @@ MAY_CHANGE = MappingProxyType(
             "approach_mm_s",
             "retract_mm_s",
             "acceleration_mm_s2",
-            "time_scale",
             "watchdog_hz",
             "home",
             "allow_unhomed",
@@ -64,6 +63,8 @@ MAY_CHANGE = MappingProxyType(
 They decide what is refused, how long actions take and how long the program waits."""
 
 
+SIMULATED = "simulated"
+"""Address of the robot of a rehearsal."""
 METRES, MOST_MM = 2.0, 5000.0
 """Distances from the origin, mm, between which a place must lie, unless it is the origin. A nearer
 place was meant in m: no robot reaches 2 mm from its base, and no tool is so short. No table has a
@@ -81,10 +82,10 @@ class RobotSettings(_Table):
 
     Attributes:
         driver: Driver of the robot.
-        address: A host (ur), a serial port or socket:// (grbl), or ``package.module:callable``
-            that makes the robot (cri).
+        address: A host (ur), a serial port or socket:// (grbl), ``package.module:callable`` that
+            makes the robot (cri), or "simulated": a robot that exists in this program only, with a
+            camera that shows a simulated sensor.
         connect_s: Time within which the robot must answer.
-        time_scale: Factor by which an emulator runs faster than in real time; 1 on a robot.
         watchdog_hz: Rate of the watchdog: a UR stops when it receives nothing for one period.
         home: Whether to drive a stage to its switches when it is not homed.
         allow_unhomed: Whether to use a stage that has no switches.
@@ -99,7 +100,6 @@ class RobotSettings(_Table):
     retract_mm_s: Annotated[float, Field(ge=0.2, le=100)] = 50.0
     acceleration_mm_s2: Annotated[float, Field(ge=5, le=2000)] = 500.0
     connect_s: Annotated[float, Field(gt=0, le=120)] = 20.0
-    time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
     watchdog_hz: Annotated[float, Field(ge=2, le=50)] = 10.0
     home: bool = False
     allow_unhomed: bool = False
@@ -109,16 +109,6 @@ class RobotSettings(_Table):
     def homes(self) -> bool:
         """Return whether connecting may drive the robot to its switches."""
         return self.driver == "grbl" and self.home
-
-    @model_validator(mode="after")
-    def _check_time_scale(self) -> Self:
-        local = ("127.", "localhost", "socket://127.", "socket://localhost", "/dev/pts/")
-        if self.time_scale != 1 and not self.address.startswith(local) and self.driver != "cri":
-            raise ValueError(
-                f"time_scale is {self.time_scale:g}, but {self.address} is no emulator on this "
-                "machine; a robot runs in real time: leave time_scale out"
-            )
-        return self
 
 
 class FrameSettings(_Table):
@@ -287,7 +277,7 @@ class ContactSettings(_Table):
         force_n: Force that counts as touch, for method force.
     """
 
-    method: Literal["visual", "force", "probe", "fixed"] = "visual"
+    method: Literal["visual", "force", "fixed"] = "visual"
     every_presses: PositiveInt = 250
     every_minutes: PositiveFloat = 30.0
     travel_mm: Annotated[float, Field(gt=0, le=10)] = 3.0
@@ -311,12 +301,9 @@ class SafetySettings(_Table):
     """Reactions to faults.
 
     Attributes:
-        auto_recover: Protective stops that are released without asking, at most one in 500
-            presses.
         give_up: Bad presses in a row that end a session.
     """
 
-    auto_recover: NonNegativeInt = 0
     give_up: PositiveInt = 5
 
 
@@ -340,6 +327,18 @@ class Settings(_Table):
             name: getattr(self, name).model_copy(update=values) for name, values in tables.items()
         }
         return self.model_copy(update=changes)
+
+    @property
+    def simulated(self) -> bool:
+        """Return whether robot and camera exist in this program only."""
+        return self.robot.address == SIMULATED
+
+    def rehearsal(self) -> Settings:
+        """Return the settings with a simulated robot and camera, without keys of a real camera."""
+        unset = dict.fromkeys(("size", "fourcc", "crop", "exposure", "gain"))
+        return self.with_changes(
+            robot={"address": SIMULATED}, camera={**unset, "fps": 100.0}, sensor={"pins": None}
+        )
 
     def with_speed_scale(self, scale: float) -> Settings:
         """Return the settings with all speeds times ``scale``."""
@@ -383,8 +382,8 @@ def read_settings(path: Path) -> Settings:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(
-            f"the configuration {path} is not there; `tactibench hw emulate --write` makes one to "
-            "start from."
+            f"the configuration {path} is not there; `tactibench hw example` prints one to start "
+            "from."
         ) from None
     except OSError as error:
         raise UserError(
@@ -393,83 +392,7 @@ def read_settings(path: Path) -> Settings:
     except (ValueError, RecursionError) as error:
         raise UserError(f"the configuration {path} is not valid TOML: {error}.") from None
     try:
-        return Settings.model_validate(tables)
+        settings = Settings.model_validate(tables)
     except ValidationError as error:
         raise UserError(f"the configuration {path}: {first_mistake(error, Settings)}") from None
-
-
-_EXAMPLE_ROBOTS = {
-    "ur": """driver = "ur"
-address = "192.168.1.10"    # of the controller; remote control switched on at the pendant""",
-    "grbl": """driver = "grbl"
-address = "/dev/ttyUSB0"    # see `tactibench hw list`
-home = true                 # drive to the switches ($H) whenever it is connected""",
-    "cri": """driver = "cri"
-address = "mylab.robots:make"   # a callable that makes an object with move_linear, pose, close""",
-}
-_EXAMPLE_FRAMES = {
-    "ur": "[109.1, -487.0, 341.3, 180.0, 0.0, -90.0]",
-    "grbl": "[-100.0, -100.0, -70.0, 180.0, 0.0, 0.0]",
-}
-
-
-def example_configuration(driver: str) -> str:
-    """Return a configuration in TOML, with comments, for driver "ur", "grbl" or "cri"."""
-    tcp = (
-        "[0.0, 0.0, 89.1, 0.0, 0.0, 0.0]" if driver != "grbl" else "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
-    )
-    return f"""# A TacTip and what presses it. mm, deg (extrinsic x, y, z), N, s.
-schema = 1
-
-[robot]
-{_EXAMPLE_ROBOTS[driver]}
-approach_mm_s = 20.0        # above the sensor
-press_mm_s = 5.0            # down to the depth
-retract_mm_s = 50.0
-acceleration_mm_s2 = 500.0
-
-[frames]
-moves = "indenter"          # what the robot carries; "sensor": the indenter is bolted down
-# Of the work frame in the robot's base: origin at the undeformed apex, z into the sensor.
-work_frame = {_EXAMPLE_FRAMES.get(driver, _EXAMPLE_FRAMES["ur"])}
-tcp_pose = {tcp}   # of the indenter's foremost point in the flange
-sensor = [0.0, 0.0, 0.0]    # x, y of the apex and yaw of the image: `tactibench hw calibrate`
-
-[camera]
-source = "/dev/v4l/by-id/usb-CAMERA-video-index0"   # or a number, or an address
-size = [640, 480]
-fps = 30.0
-fourcc = "MJPG"
-exposure = 100.0            # in the camera's own unit; automatic exposure is switched off
-crop = [80, 0, 480, 480]    # x, y, width, height that is kept
-burst = 3                   # frames of one sample; their median is kept
-
-[sensor]
-name = "tactip-127"
-dome_radius_mm = 20.0
-deepest_mm = 6.5
-pins = 127                  # leave out where pins are not to be counted
-
-[indenter]
-kind = "single"             # "dual" with distance_mm, "triple" with side_mm and heights_mm, "plate"
-radius_mm = 3.0
-
-[envelope]                  # of the tool, in the work frame; no safety function
-half_width_mm = 12.0
-above_mm = 60.0
-below_mm = 10.0
-clearance_mm = 10.0
-tilt_deg = 25.0
-max_force_n = 15.0
-
-[contact]
-method = "visual"           # or "force", "probe", "fixed"
-every_presses = 250
-every_minutes = 30.0
-
-[timing]
-settle_s = 0.2              # `tactibench hw settle-test` measures it
-
-[safety]
-auto_recover = 0            # protective stops released without asking
-"""
+    return settings.rehearsal() if settings.simulated else settings

@@ -6,29 +6,26 @@ import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self, TypeVar
 
 from tactibench import Scene, UserError
 from tactibench.lab import Press
-from tactibench_tactip import press_path
-from tactibench_tactip.camera import Camera, CameraFrame, Image
-from tactibench_tactip.errors import CameraError, RobotError, StopNowError
-from tactibench_tactip.frame_check import (
+from tactibench_tactip.camera import (
+    Camera,
+    CameraError,
     FrameCheck,
+    Image,
     Reference,
     check_frames,
     count_pins,
     is_other_light,
 )
+from tactibench_tactip.geometry import PressPath, envelope_violation, geometry_of
 from tactibench_tactip.motion import Mover, RobotThread, patience
-from tactibench_tactip.plan import CollectionPlan, check_plan
-from tactibench_tactip.poses import envelope_violation
-from tactibench_tactip.press_geometry import geometry_of
-from tactibench_tactip.press_path import PressPath, path_of, path_seconds
-from tactibench_tactip.press_result import PressResult
-from tactibench_tactip.robots.base import Robot, RobotState, make_robot
+from tactibench_tactip.plan import CollectionPlan, check_plan, path_seconds
+from tactibench_tactip.robots import Robot, RobotError, RobotState, StopNowError, make_robot
 from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
 
 T = TypeVar("T")
@@ -40,9 +37,34 @@ LOOKS = 3
 SAME_MM = 0.05
 """Distance that the tool may move while frames are taken."""
 RELAXING_S = 5.0
-"""Host seconds within which a skin comes back and a camera shows it."""
+"""Time within which a skin comes back and a camera shows it."""
 LONG_S = 60.0
-"""Device seconds that a job is expected to take where its caller does not say."""
+"""Time that a job is expected to take where its caller does not say."""
+
+
+@dataclass(frozen=True, eq=False)
+class PressResult:
+    """The outcome of one press.
+
+    Attributes:
+        scene: Scene with the pose that was reached.
+        check: Check of its frames.
+        settled_ns: End of settling, on the clock of the frames.
+        commanded: Pose of the tool in the work frame that was commanded.
+        before: Pose of the tool before the frames were taken.
+        after: Pose of the tool after the frames were taken.
+        state: State of the robot before the frames were taken.
+        looks: Number of times that frames were taken.
+    """
+
+    scene: Scene
+    check: FrameCheck
+    settled_ns: int
+    commanded: Pose6
+    before: Pose6
+    after: Pose6
+    state: RobotState
+    looks: int
 
 
 class Station:
@@ -53,7 +75,8 @@ class Station:
     Args:
         settings: Configuration of the setup.
         robot: A robot that is not connected; None: the robot of the configuration.
-        camera: An open camera; None: that of the configuration, which is opened on entry.
+        camera: A camera, which is opened on entry where it is not open; None: that of the
+            configuration.
 
     Attributes:
         geometry: Geometry of presses, with the z0 of the latest first touch.
@@ -64,9 +87,9 @@ class Station:
         self, settings: Settings, robot: Robot | None = None, camera: Camera | None = None
     ) -> None:
         self.settings = settings
-        self._opens_camera = camera is None
-        self.camera = camera or Camera(settings.camera)
-        self.robot_thread = RobotThread(robot or make_robot(settings), settings)
+        robot = robot or make_robot(settings)
+        self.camera = camera or robot.camera(settings.camera)
+        self.robot_thread = RobotThread(robot, settings)
         self.geometry = geometry_of(settings)
         self.rest: Reference | None = None
         self._pressed: Scene | None = None
@@ -75,7 +98,7 @@ class Station:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            if self._opens_camera:
+            if not self.camera.is_open:
                 stack.enter_context(self.camera)
             # The first count of pins compiles code: this must not delay a robot that is connected.
             count_pins(self.camera.now().image)
@@ -111,10 +134,9 @@ class Station:
 
         Args:
             job: Function of the mover.
-            expected_s: Device seconds that the job is expected to take.
+            expected_s: Time that the job is expected to take.
         """
-        scale = self.settings.robot.time_scale
-        return self.robot_thread.do(job, 4.0 * patience(expected_s, scale))
+        return self.robot_thread.do(job, 4.0 * patience(expected_s))
 
     def stop_now(self) -> None:
         """Stop the robot at once, from any thread."""
@@ -137,7 +159,7 @@ class Station:
             if not state.normal:
                 return f"{state.description}; the tool was left where it is"
             if scene is not None:
-                press_path.withdraw(mover, scene, self.geometry, self.settings)
+                mover.withdraw(scene, self.geometry)
             return ""
 
         try:
@@ -156,13 +178,13 @@ class Station:
 
     def retract(self, scene: Scene) -> None:
         """Move straight back from a press to clearance."""
-        self.do(lambda m: press_path.withdraw(m, scene, self.geometry, self.settings))
+        self.do(lambda m: m.withdraw(scene, self.geometry))
 
     def make_room(self) -> None:
         """Move up as far as the envelope allows, so that somebody can change the indenter."""
 
         def up(mover: Mover) -> None:
-            press_path.raise_straight(mover, self.geometry, self.settings)
+            mover.raise_straight(self.geometry)
             high = -0.9 * self.settings.envelope.above_mm
             mover.go((0.0, 0.0, high, 0.0, 0.0, 0.0), self.settings.robot.approach_mm_s)
 
@@ -171,7 +193,7 @@ class Station:
     def mount(self, indenter: IndenterSettings) -> None:
         """Note that another indenter was mounted; first touch has to be found again."""
         self.settings = self.settings.model_copy(update={"indenter": indenter})
-        self.geometry = self.geometry.with_z0(self.settings.contact.fixed_mm)
+        self.geometry = geometry_of(self.settings)
 
     # Checks
 
@@ -192,7 +214,7 @@ class Station:
         Raises:
             UserError: The count of pins is not the configuration's.
         """
-        self.do(lambda m: press_path.raise_straight(m, self.geometry, self.settings))
+        self.do(lambda m: m.raise_straight(self.geometry))
         rest = Reference.of(self.camera.after(time.monotonic_ns(), REST_FRAMES))
         if rest.pins_differ(self.settings.sensor):
             raise UserError(
@@ -249,7 +271,7 @@ class Station:
                 f"a press of {scene.pose.depth:.2f} mm was asked for, sensor.deepest_mm allows "
                 f"{deepest:g} mm; nothing was moved."
             )
-        return path_of(scene, self.geometry, self.settings)
+        return self.geometry.path(scene)
 
     def down(self, mover: Mover, path: PressPath) -> int:
         """Descend, as a job of the robot's thread.
@@ -263,14 +285,14 @@ class Station:
             CameraError: The camera gave no frames in the descent.
             StopNowError: Somebody asked to stop.
         """
-        force = press_path.force_guard(mover, self.settings.envelope.max_force_n)
+        force = mover.force_guard()
 
         def guard(pose: Pose6) -> str:
             if not self.camera.alive():
                 raise CameraError("the camera gave no frames in a descent; check its cable.")
             return force(pose)
 
-        press_path.descend(mover, path, self.settings, guard)
+        mover.descend(path, guard)
         return time.monotonic_ns()
 
     def press(self, scene: Scene) -> PressResult:
@@ -289,24 +311,13 @@ class Station:
         with self.at(scene):
             settled_ns, before, state = self.do(lambda m: self._settle(m, path), expected)
             reached = self.geometry.reached(scene, before)
-            frames, check, looks = self._frames_of(settled_ns, rest, reached.pose.depth)
+            check, looks = self._check_frames(settled_ns, rest, reached.pose.depth)
             after = self.do(lambda m: m.pose())
             moved = max(abs(a - b) for a, b in zip(before[:3], after[:3], strict=True))
             if moved > SAME_MM and not check.reason:
                 check = replace(check, reason=f"the tool moved by {moved:.2f} mm meanwhile")
             self.retract(scene)
-        return PressResult(
-            reached,
-            check,
-            settled_ns,
-            path.down,
-            before,
-            after,
-            state,
-            self.geometry.z0,
-            looks,
-            tuple(frames),
-        )
+        return PressResult(reached, check, settled_ns, path.down, before, after, state, looks)
 
     def press_checked(self, scene: Scene) -> tuple[PressResult, str]:
         """Press between two undeformed frames, which show a camera that lags.
@@ -333,10 +344,10 @@ class Station:
         mover.rest(self.settings.timing.settle_s)
         return time.monotonic_ns(), mover.pose(), mover.state()
 
-    def _frames_of(
+    def _check_frames(
         self, settled_ns: int, rest: Reference, depth: float
-    ) -> tuple[list[CameraFrame], FrameCheck, int]:
-        """Return frames after the end of settling, their check, and how often they were taken.
+    ) -> tuple[FrameCheck, int]:
+        """Return frames after the end of settling, checked, and how often they were taken.
 
         They are taken again, up to LOOKS times, where they cannot be kept.
         """
@@ -347,7 +358,7 @@ class Station:
             if not check.reason or look == LOOKS:
                 break
             since = frames[-1].t_ns
-        return frames, check, look
+        return check, look
 
     def _looks_undeformed(self, press: Image) -> bool:
         """Return whether a frame taken now, with the tool away, shows little of the press.
@@ -394,4 +405,4 @@ class Station:
                 f"the tool stands at {violation}; drive it into the envelope above the sensor "
                 "first, with the pendant or `tactibench hw jog`."
             )
-        press_path.raise_straight(mover, self.geometry, self.settings)
+        mover.raise_straight(self.geometry)

@@ -1,4 +1,4 @@
-"""First touch: by the tactile image, by force, by a probe, or as the configuration says.
+"""First touch: by the tactile image, by force, or as the configuration says.
 
 Depth is counted from where the sensor is first touched, not from where a pose says that it should
 be. The search by image goes down in small steps until two frames in a row change by more than
@@ -17,13 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench import Pose, Scene, UserError
-from tactibench_tactip import press_path
 from tactibench_tactip.camera import Image
-from tactibench_tactip.errors import GuardError, NoTouchError
+from tactibench_tactip.geometry import NEAR_MM, Array
 from tactibench_tactip.motion import Guard, Mover
-from tactibench_tactip.poses import Array
-from tactibench_tactip.robots.base import ProbingRobot
-from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.robots import GuardError, NoTouchError
+from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 
 STEP_MM = 0.1
@@ -72,17 +70,15 @@ class TouchAge:
 
     def __init__(self, settings: Settings) -> None:
         self.presses = 0
-        self._contact, self._time_scale = settings.contact, settings.robot.time_scale
+        self._contact = settings.contact
         self._found_at = time.monotonic()
 
     @property
     def is_due(self) -> bool:
         """Return whether ``contact.every_presses`` or ``contact.every_minutes`` have passed."""
-        age_s = (time.monotonic() - self._found_at) * self._time_scale
-        return (
-            self.presses >= self._contact.every_presses
-            or age_s >= 60.0 * self._contact.every_minutes
-        )
+        age_s = time.monotonic() - self._found_at
+        old = age_s >= 60.0 * self._contact.every_minutes
+        return old or self.presses >= self._contact.every_presses
 
 
 @dataclass(frozen=True)
@@ -119,9 +115,14 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
     if contact.method == "fixed":
         return FirstTouch(contact.fixed_mm, 0.0, "fixed")
     place = scene or Scene(station.settings.indenter.indenter(), Pose(*contact.at_mm))
-    search = {"visual": _visual, "force": _force, "probe": _probe}[contact.method]
+
+    def untouched_guard(mover: Mover) -> Guard:
+        mover.raise_straight(station.geometry)
+        return mover.force_guard()
+
+    search = _search_image if contact.method == "visual" else _search_force
     with station.at(place):
-        approach = Approach(station, place, station.do(lambda m: _untouched_guard(m, station)))
+        approach = Approach(station, place, station.do(untouched_guard))
         once, power = search(approach, -contact.travel_mm if first else -AGAIN_MM)
         twice, _ = search(approach, once - AGAIN_MM)
         station.retract(place)
@@ -170,12 +171,7 @@ def fit_onset(depths: Array, signal: Array) -> tuple[float, float]:
     return best[1], best[2]
 
 
-def _untouched_guard(mover: Mover, station: Station) -> Guard:
-    press_path.raise_straight(mover, station.geometry, station.settings)
-    return press_path.force_guard(mover, station.settings.envelope.max_force_n)
-
-
-def _visual(approach: Approach, start: float) -> tuple[float, float]:
+def _search_image(approach: Approach, start: float) -> tuple[float, float]:
     """Return the depth, in the present geometry, at which the image begins to change, and a power.
 
     The power is that with which the change grows.
@@ -197,9 +193,9 @@ def _visual(approach: Approach, start: float) -> tuple[float, float]:
     return fit_onset(np.array(depths), projections(np.array(images), rest.mean))
 
 
-def _force(approach: Approach, start: float) -> tuple[float, float]:
+def _search_force(approach: Approach, start: float) -> tuple[float, float]:
     station = approach.station
-    station.do(lambda m: press_path.raise_straight(m, station.geometry, station.settings))
+    station.do(lambda m: m.raise_straight(station.geometry))
     before = station.do(lambda m: m.force())
     if before is None:
         raise UserError(
@@ -215,26 +211,6 @@ def _force(approach: Approach, start: float) -> tuple[float, float]:
     return _go_down(approach, start, touched), 0.0
 
 
-def _probe(approach: Approach, start: float) -> tuple[float, float]:
-    station, place = approach.station, approach.place
-    if not isinstance(station.robot, ProbingRobot):
-        raise UserError(
-            "contact.method is 'probe', which needs a stage with GRBL and a probe; say "
-            'contact.method = "visual".'
-        )
-    end = _last_depth(station, start)
-
-    def down(mover: Mover) -> Pose6 | None:
-        _step(mover, approach, start)
-        target = station.geometry.at_depth(place, end)
-        return mover.probe(target, station.settings.robot.press_mm_s, approach.guard)
-
-    contact = station.do(down)
-    if contact is None:
-        raise _nothing_touched(start, end)
-    return station.geometry.reached(place, contact).pose.depth, 0.0
-
-
 def _go_down(approach: Approach, start: float, touched: Touched) -> float:
     """Go down in steps, and return the depth at which the sensor was touched.
 
@@ -242,21 +218,13 @@ def _go_down(approach: Approach, start: float, touched: Touched) -> float:
         NoTouchError: Nothing was touched.
     """
     station = approach.station
-    end = _last_depth(station, start)
-    station.do(lambda m: press_path.raise_straight(m, station.geometry, station.settings))
+    end = max(station.settings.contact.travel_mm, start + AGAIN_MM)
+    station.do(lambda m: m.raise_straight(station.geometry))
     for depth in np.arange(start, end + 1e-9, STEP_MM):
         reached, images = _look(approach, float(depth), NOTICE_FRAMES)
         if touched(images):
             return reached
-    raise _nothing_touched(start, end)
-
-
-def _last_depth(station: Station, start: float) -> float:
-    return max(station.settings.contact.travel_mm, start + AGAIN_MM)
-
-
-def _nothing_touched(start: float, end: float) -> NoTouchError:
-    return NoTouchError(
+    raise NoTouchError(
         f"nothing was touched from {-start:.1f} mm before the expected place to {end:.1f} mm "
         "beyond it; check frames.work_frame and frames.tcp_pose, or allow more with "
         "contact.travel_mm."
@@ -280,14 +248,13 @@ def _look(approach: Approach, depth: float, count: int) -> tuple[float, list[Ima
 def _step(mover: Mover, approach: Approach, depth: float) -> None:
     """Move straight to a depth on the approach of a place, sideways only at clearance."""
     station, place, guard = approach.station, approach.place, approach.guard
-    settings, geometry, near_mm = station.settings, station.geometry, press_path.NEAR_MM
+    settings, geometry = station.settings, station.geometry
     pose = geometry.reached(place, mover.pose()).pose
     if max(abs(pose.x - place.pose.x), abs(pose.y - place.pose.y)) > ASIDE_MM:
-        press_path.raise_straight(mover, geometry, settings)
-        above = press_path.path_of(place, geometry, settings).above
-        mover.go(above, settings.robot.approach_mm_s)
-    if pose.depth < -settings.contact.travel_mm - 0.5 and depth > -near_mm:
-        near = geometry.at_depth(place, min(depth, -near_mm))
+        mover.raise_straight(geometry)
+        mover.go(geometry.path(place).above, settings.robot.approach_mm_s)
+    if pose.depth < -settings.contact.travel_mm - 0.5 and depth > -NEAR_MM:
+        near = geometry.at_depth(place, min(depth, -NEAR_MM))
         mover.go(near, settings.robot.approach_mm_s, guard)
     mover.go(geometry.at_depth(place, depth), settings.robot.press_mm_s, guard)
     reason = guard(mover.pose())  # a step may have ended before the guard looked

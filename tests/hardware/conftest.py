@@ -8,8 +8,7 @@ import pytest
 from fake_station import FakeCapture, FakeRobot, make_settings
 
 from tactibench import Indenter, Pose, Scene
-from tactibench_tactip.camera import Camera
-from tactibench_tactip.settings import Settings
+from tactibench_tactip import Camera, Settings
 
 
 @pytest.fixture

@@ -8,19 +8,31 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_station import FIXED_TOUCH, TRUE_Z0, FakeCapture, FakeRobot, make_settings
+from fake_station import (
+    FIXED_TOUCH,
+    TRUE_Z0,
+    FakeCapture,
+    FakeRobot,
+    make_settings,
+    stand_in,
+)
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import open_dataset, verify
 from tactibench.lab import Press
-from tactibench_tactip import collection
-from tactibench_tactip.camera import Camera
-from tactibench_tactip.collection import collect, dry_run
-from tactibench_tactip.collector import Callbacks, SessionReport
-from tactibench_tactip.errors import ProtectiveStopError, RobotLostError
-from tactibench_tactip.plan import CollectionPlan
-from tactibench_tactip.poses import inverse, matrix, pose_of
-from tactibench_tactip.settings import Settings
+from tactibench_tactip import (
+    Callbacks,
+    CollectionPlan,
+    ProtectiveStopError,
+    RobotLostError,
+    SessionReport,
+    Settings,
+    collect,
+    dry_run,
+    inverse,
+    matrix,
+    pose_of,
+)
 
 COUNT = 4
 
@@ -47,13 +59,12 @@ class Lab:
         self.robot = FakeRobot(self.settings)
         self.capture = FakeCapture(self.robot)
         self.said: list[str] = []
-        monkeypatch.setattr(collection, "make_robot", self._new_robot)
-        monkeypatch.setattr(collection, "Camera", lambda keys: Camera(keys, lambda _: self.capture))
+        stand_in(self._new_robot, monkeypatch)
         self.prepare: Callable[[FakeRobot], None] = lambda _: None
 
     def _new_robot(self, settings: Settings) -> FakeRobot:
         self.robot = FakeRobot(settings)
-        self.capture.robot = self.robot
+        self.robot.capture, self.capture.robot = self.capture, self.robot
         self.prepare(self.robot)
         return self.robot
 
@@ -190,24 +201,7 @@ def test_a_press_that_stops_the_arm_twice_is_given_up(lab: Lab) -> None:
     assert samples[0].extra["outcome"] == "aborted"
 
 
-def test_an_arm_that_was_lost_is_connected_again(lab: Lab) -> None:
-    robots: list[FakeRobot] = []
-
-    def prepare(robot: FakeRobot) -> None:
-        robots.append(robot)
-        if len(robots) == 2:  # the first is asked whether it can turn
-            robot.fails = _raiser(RobotLostError("gone."), 6)
-
-    lab.prepare = prepare
-    robots.append(lab.robot)
-    report = lab.collect()
-    assert (report.ok, report.left) == (COUNT, 0)
-    assert sorted(lab.ids()) == [0, 1, 2, 3]
-    assert any("Connecting again" in said for said in lab.said)
-    assert [e["kind"] for e in open_dataset(lab.folder).events].count("lost") == 1
-
-
-def test_an_arm_that_stays_lost_ends_the_session(lab: Lab) -> None:
+def test_an_arm_that_is_lost_ends_the_session(lab: Lab) -> None:
     lab.prepare = lambda robot: setattr(robot, "fails", _raiser(RobotLostError("gone."), 1))
     with pytest.raises(RobotLostError, match="gone"):
         lab.collect()
@@ -286,9 +280,7 @@ def test_a_press_waits_until_the_one_before_is_gone(lab: Lab) -> None:
 def test_a_camera_that_lags_for_good_ends_the_session(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactibench_tactip import station
-
-    monkeypatch.setattr(station, "RELAXING_S", 0.05)
+    monkeypatch.setattr("tactibench_tactip.station.RELAXING_S", 0.05)
     sticking = Sticking(lab.robot)
     sticking.frames = 10**9
     lab.capture = sticking
@@ -361,11 +353,7 @@ def test_a_full_disk_ends_the_session_and_the_next_goes_on(
     assert sorted(lab.ids()) == [0, 1, 2, 3]
 
 
-def test_a_dry_run_stays_high_and_keeps_nothing(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tactibench_tactip import station
-
-    monkeypatch.setattr(station, "make_robot", lab._new_robot)
-    monkeypatch.setattr(station, "Camera", lambda keys: Camera(keys, lambda _: lab.capture))
+def test_a_dry_run_stays_high_and_keeps_nothing(lab: Lab) -> None:
     assert dry_run(lab.settings, plan().presses, 20.0, lambda _: None) == COUNT
     heights = [(inverse(lab.robot.work) @ matrix(pose))[2, 3] for pose in lab.robot.moves]
     assert max(heights) < -15.0

@@ -7,12 +7,10 @@ from collections.abc import Callable
 from types import ModuleType
 
 import pytest
-from emulated import finish
+from fake_station import finish
 
 from tactibench import UserError
-from tactibench_tactip.errors import RobotError
-from tactibench_tactip.robots.cri import CriRobot
-from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip import CriRobot, Pose6, RobotError, Settings
 
 Make = Callable[..., Settings]
 

@@ -29,43 +29,48 @@ def config(camera: MjpegCamera, tmp_path: Path) -> str:
     return str(write_configuration(tmp_path, camera.url))
 
 
-def test_success(camera: MjpegCamera, config: str) -> None:
-    code, out, error = run_hw(camera, "settle-test", "--config", config, "--seconds", "3")
-    assert (code, error) == (0, "")
-    assert "still within noise" in out
+def collect(folder: Path, config: str, presses: int = 6) -> tuple[str, ...]:
+    """The arguments of a collection of single presses."""
+    plan = folder / "plan.jsonl"
+    plan.write_text("\n".join(PLAN_ROW.format(id=k) for k in range(presses)))
+    return ("collect", str(plan), "--config", config, "--out", str(folder / "data"))
 
 
-def test_an_error(camera: MjpegCamera, config: str) -> None:
+def rows_written(folder: Path, count: int) -> None:
+    """Wait until so many samples are written."""
+    journal, end = folder / "data" / "metadata.jsonl", time.monotonic() + 60.0
+    while time.monotonic() < end:
+        if journal.exists() and len(journal.read_bytes().splitlines()) >= count:
+            return
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("[contact]", "[sensor]\npins = 5\n[contact]", "sensor.pins says 5"),
+        ("warmup", "crop = [0, 0, 65, 64]\nwarmup", "camera.crop reaches to 65 x 64 px"),
+    ],
+)
+def test_an_error(
+    camera: MjpegCamera, config: str, tmp_path: Path, before: str, after: str, message: str
+) -> None:
     path = Path(config)
-    path.write_text(path.read_text() + "[sensor]\npins = 5\n")
-    code, _, error = run_hw(camera, "settle-test", "--config", config)
+    path.write_text(path.read_text().replace(before, after))
+    code, _, error = run_hw(camera, *collect(tmp_path, config))
     assert code == 2
-    assert "sensor.pins says 5" in error
-
-
-def test_a_crop_outside_the_frame(camera: MjpegCamera, config: str) -> None:
-    path = Path(config)
-    path.write_text(path.read_text().replace("warmup", "crop = [0, 0, 65, 64]\nwarmup"))
-    code, _, error = run_hw(camera, "settle-test", "--config", config)
-    assert code == 2
-    assert "camera.crop reaches to 65 x 64 px" in error
-
-
-def _wait_for(path: Path) -> None:
-    end = time.monotonic() + 60.0
-    while not path.exists() and time.monotonic() < end:
-        time.sleep(0.05)
+    assert message in error
 
 
 @pytest.mark.parametrize("again_s", [(), (0.1,)])
-def test_control_c(camera: MjpegCamera, config: str, again_s: tuple[float, ...]) -> None:
+def test_control_c(
+    camera: MjpegCamera, config: str, tmp_path: Path, again_s: tuple[float, ...]
+) -> None:
     def press(process: subprocess.Popen[str]) -> None:
-        _wait_for(camera.height_file)
-        interrupt(process, 1.0, *again_s)
+        rows_written(tmp_path, 1)
+        interrupt(process, 0.0, *again_s)
 
-    code, _, error = run_hw(
-        camera, "settle-test", "--config", config, "--seconds", "30", meanwhile=press
-    )
+    code, _, error = run_hw(camera, *collect(tmp_path, config, 40), meanwhile=press)
     assert code == 130
     assert "terminate" not in error
 
@@ -80,19 +85,12 @@ def test_a_camera_that_is_cut_loses_no_press(
     camera: MjpegCamera, config: str, tmp_path: Path
 ) -> None:
     """The session ends with a sentence and no bad row; the next makes what is missing."""
-    plan, data = tmp_path / "plan.jsonl", tmp_path / "data"
-    plan.write_text("\n".join(PLAN_ROW.format(id=k) for k in range(6)))
-    journal = data / "metadata.jsonl"
+    data, arguments = tmp_path / "data", collect(tmp_path, config)
 
     def cut(_: subprocess.Popen[str]) -> None:
-        end = time.monotonic() + 60.0
-        while time.monotonic() < end:
-            if journal.exists() and len(journal.read_bytes().splitlines()) >= 2:
-                break
-            time.sleep(0.02)
+        rows_written(tmp_path, 2)
         camera.cut.set()
 
-    arguments = ("collect", str(plan), "--config", config, "--out", str(data))
     code, _, error = run_hw(camera, *arguments, meanwhile=cut)
     assert code == 2
     assert "camera" in error

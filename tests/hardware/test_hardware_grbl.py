@@ -1,73 +1,64 @@
-"""The driver of a stage, with pyserial, against an emulated GRBL controller."""
+"""The driver of a stage, with pyserial, against a scripted GRBL on a pseudo-terminal."""
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from contextlib import suppress
 
 import pytest
-from emulated import GraySensor, finish, stands
-from fake_station import FakeCapture
+from fake_station import finish
+from scripted_grbl import ScriptedGrbl
 
 from tactibench import UserError
-from tactibench_tactip.camera import Camera
-from tactibench_tactip.commands import doctor
-from tactibench_tactip.emulators import Fault
-from tactibench_tactip.emulators.grbl import GrblEmulator
-from tactibench_tactip.emulators.touch import Rig
-from tactibench_tactip.emulators.world import Clock, World
-from tactibench_tactip.errors import NoTouchError, RobotError, StopNowError
-from tactibench_tactip.motion import RobotThread
-from tactibench_tactip.robots.base import connect_seconds
-from tactibench_tactip.robots.grbl import GrblRobot
-from tactibench_tactip.settings import Pose6, Settings
-from tactibench_tactip.station import Station
-from tactibench_tactip.touch import find_touch
+from tactibench_tactip import (
+    GrblLink,
+    GrblRobot,
+    NoAnswerError,
+    Pose6,
+    RobotError,
+    RobotLostError,
+    RobotThread,
+    Settings,
+    StopNowError,
+    check_setup,
+    connect_seconds,
+)
 
 Make = Callable[..., Settings]
-STAGE: Pose6 = (-100.0, -100.0, -70.0, 180.0, 0.0, 0.0)
-RATES = {"$110": 6000.0, "$111": 6000.0, "$112": 6000.0}
-SCALE = 40.0
-"""Homing takes half a second."""
-TRUE_Z0 = 0.6
 
 pytest.importorskip("serial", reason="pyserial is not installed: pip install tactibench[serial]")
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 
 @pytest.fixture
-def world() -> World:
-    rig = Rig(work_frame=STAGE, sensor_frame=(0.0, 0.0, TRUE_Z0, 180.0, 0.0, 0.0))
-    return World(GraySensor(), rig, clock=Clock(SCALE))
-
-
-@pytest.fixture
-def stage(world: World) -> Iterator[GrblEmulator]:
-    with GrblEmulator(world, settings=RATES) as stage:
+def stage() -> Iterator[ScriptedGrbl]:
+    with ScriptedGrbl() as stage:
         yield stage
 
 
 @pytest.fixture
-def keys(make: Make) -> Callable[..., Settings]:
-    def settings(port: str, **robot: Any) -> Settings:
+def keys(make: Make) -> Make:
+    def settings(stage: ScriptedGrbl, **robot: object) -> Settings:
         return make(
-            robot={"driver": "grbl", "address": port, "time_scale": SCALE, **robot},
-            frames={"work_frame": list(STAGE), "tcp_pose": [0.0] * 6},
-            contact={"method": "probe"},
+            robot={"driver": "grbl", "address": stage.address, **robot},
+            frames={"work_frame": [-100.0, -100.0, -70.0, 180.0, 0.0, 0.0], "tcp_pose": [0.0] * 6},
         )
 
     return settings
 
 
-def test_homed_it_goes_where_it_is_sent(stage: GrblEmulator, keys: Make) -> None:
-    robot = GrblRobot(keys(stage.port, home=True))
+def test_homed_it_goes_where_it_is_sent(stage: ScriptedGrbl, keys: Make) -> None:
+    robot = GrblRobot(keys(stage, home=True))
     robot.connect()
     assert robot.at_switches
     target: Pose6 = (-100.0, -95.0, -30.0, 180.0, 0.0, 0.0)
     robot.start(target, 50.0, 500.0)
     finish(robot)
+    assert stage.lines[-1] == "$J=G53G90G21X-100.0000Y-95.0000Z-30.0000F3000.0"
     assert robot.pose() == pytest.approx(target, abs=0.01)
     assert robot.state().normal
     assert robot.describe()["$20"] == "1"
@@ -76,9 +67,11 @@ def test_homed_it_goes_where_it_is_sent(stage: GrblEmulator, keys: Make) -> None
     with pytest.raises(RobotError, match="beyond the stage's travel"):
         robot.start((10.0, *target[1:]), 5.0, 500.0)
     robot.start((*target[:2], -60.0, *target[3:]), 5.0, 500.0)
+    assert robot.moving()
     robot.stop()
     finish(robot)
     assert -60.0 < robot.pose()[2] < -30.0
+    assert stage.realtime == b"\x85"
     robot.close()
 
 
@@ -86,129 +79,183 @@ def test_homed_it_goes_where_it_is_sent(stage: GrblEmulator, keys: Make) -> None
     ("settings", "message"),
     [
         ({}, r"not homed.*robot.home = true"),
-        ({"$22": 0.0, "$20": 0.0}, r"\$20=0; set \$20=1"),
-        ({"$13": 1.0}, r"\$13=1; set \$13=0"),
-        ({"$112": 600.0}, r"axis z of the stage reaches 10\.0 mm/s"),
+        ({"$22": 0, "$20": 0}, r"\$20=0; set \$20=1"),
+        ({"$22": 0}, r"does not home"),
+        ({"$13": 1}, r"\$13=1; set \$13=0"),
+        ({"$112": 600}, r"axis z of the stage reaches 10\.0 mm/s"),
     ],
 )
 def test_a_stage_that_is_not_ready_is_refused(
-    world: World, keys: Make, settings: dict[str, float], message: str
+    keys: Make, settings: dict[str, float], message: str
 ) -> None:
-    with GrblEmulator(world, settings={**RATES, **settings}) as stage:
-        driver = GrblRobot(keys(stage.port))
+    with ScriptedGrbl(settings) as stage:
+        robot = GrblRobot(keys(stage))
         with pytest.raises(UserError, match=message):
-            driver.connect()
-        driver.close()
+            robot.connect()
+        robot.close()
 
 
-def test_doctor_takes_a_stage_that_homes_before_it_moves(
-    stage: GrblEmulator, world: World, keys: Make
-) -> None:
+def test_doctor_takes_a_stage_that_homes_before_it_moves(stage: ScriptedGrbl, keys: Make) -> None:
     """Opening the port resets it: it is never homed when it is looked at."""
-    before = world.tool()
-    rows = list(doctor._check("robot", doctor._robot, keys(stage.port, home=True)))
-    assert [mark for mark, _, _ in rows] == ["ok", "ok"]
-    assert "$20 1" in rows[0][2]
-    assert "not yet" in rows[1][2]
-    ((mark, _, text),) = doctor._check("robot", doctor._robot, keys(stage.port))
-    assert (mark, "not homed" in text) == ("WRONG", True)
-    assert world.tool() == before
+    for home, marks, text in ((True, ["ok", "ok"], "not yet"), (False, ["WRONG"], "not homed")):
+        rows = [*check_setup(keys(stage, home=home))][1:]  # there is no camera
+        assert [mark for mark, _, _ in rows] == marks
+        assert text in rows[-1][2]
+    assert not [line for line in stage.lines if line == "$H" or line.startswith("$J")]
 
 
-def test_what_is_no_grbl_is_refused(keys: Make) -> None:
+def test_what_is_no_grbl_is_refused(make: Make) -> None:
     with pytest.raises(UserError, match="cannot be opened"):
-        GrblRobot(keys("socket://127.0.0.1:1")).connect()
+        GrblRobot(make(robot={"driver": "grbl", "address": "socket://127.0.0.1:1"})).connect()
 
 
 @pytest.mark.parametrize(
-    ("kind", "message"),
+    ("line", "state", "message"),
     [
-        ("alarm-1", "a limit switch was hit"),
-        ("alarm-2", "position is kept"),
-        ("alarm-3", "reset while it moved"),
-        ("hold", "somebody at the stage paused it"),
+        ("ALARM:1", "Alarm", "a limit switch was hit"),
+        ("ALARM:2", "Alarm", "position is kept"),
+        ("ALARM:3", "Alarm", "reset while it moved"),
+        ("[MSG:Pgm End]", "Hold:0", "somebody at the stage paused it"),
     ],
 )
 def test_what_stops_it_is_said(
-    world: World, stage: GrblEmulator, keys: Make, kind: str, message: str
+    stage: ScriptedGrbl, keys: Make, line: str, state: str, message: str
 ) -> None:
-    robot = GrblRobot(keys(stage.port, home=True))
+    robot = GrblRobot(keys(stage, home=True))
     robot.connect()
-    world.arm(Fault(kind))
-    time.sleep(0.05)
-    state = robot.state()
-    assert not state.normal
-    assert message in state.description
+    stage.state = state
+    stage.say(line)
+    robot.pose()  # a new report, which comes after the line
+    assert not robot.state().normal
+    assert message in robot.state().description
     robot.close()
 
 
-def test_homing_may_take_longer_than_connecting(stage: GrblEmulator, keys: Make) -> None:
-    settings = keys(stage.port, home=True, connect_s=0.05)
-    assert connect_seconds(settings) > 60.0
-    robot = GrblRobot(settings)
-    with RobotThread(robot, settings):
-        assert robot.at_switches
+def test_homing_may_take_longer_than_connecting(keys: Make) -> None:
+    with ScriptedGrbl() as stage:
+        settings = keys(stage, home=True, connect_s=0.01)
+        assert connect_seconds(settings) > 60.0
+        robot = GrblRobot(settings)
+        with RobotThread(robot, settings):
+            assert robot.at_switches
 
 
-@pytest.mark.parametrize("by", ["halt", "close"])
-def test_homing_ends_when_somebody_asks_to_stop(
-    stage: GrblEmulator, world: World, keys: Make, by: str
-) -> None:
-    settings = keys(stage.port, home=True)
-    robot = GrblRobot(settings)
-    thread = RobotThread(robot, settings)
-    stop = thread.halt.set if by == "halt" else robot.close
-    helper = threading.Thread(target=_when_it_homes, args=(robot, stop))
+def test_homing_ends_when_somebody_asks_to_stop(stage: ScriptedGrbl, keys: Make) -> None:
+    settings = keys(stage, home=True)
+    stage.homes = False
+    thread = RobotThread(GrblRobot(settings), settings)
+
+    def halt() -> None:
+        while "$H" not in stage.lines:
+            time.sleep(0.002)
+        thread.halt.set()
+
+    helper = threading.Thread(target=halt)
     helper.start()
     with pytest.raises((StopNowError, RobotError)), thread:
         pytest.fail("it was connected")
     helper.join(5.0)
-    assert stands(world)
-    assert stage.controller.state == "Alarm"
+    end = time.monotonic() + 5.0
+    while stage.realtime != b"!\x18":  # the reset ends homing
+        assert time.monotonic() < end, "it was not reset"
+        time.sleep(0.01)
 
 
 @pytest.fixture
-def station(stage: GrblEmulator, keys: Make) -> Iterator[Station]:
-    settings = keys(stage.port, home=True)
-    camera = Camera(settings.camera, lambda _: FakeCapture())
-    with camera, Station(settings, camera=camera) as station:
-        yield station
+def port() -> Iterator[tuple[GrblLink, int]]:
+    master, slave = os.openpty()
+    link = GrblLink(os.ttyname(slave))
+    os.close(slave)
+    yield link, master
+    link.close()
+    with suppress(OSError):
+        os.close(master)
 
 
-def test_a_probe_finds_first_touch(station: Station) -> None:
-    touch = find_touch(station, first=True)
-    assert touch.z0_mm == pytest.approx(TRUE_Z0, abs=0.02)
-    assert touch.spread_mm < 0.02
+@pytest.mark.parametrize(
+    ("line", "state", "position"),
+    [
+        ("<Idle|MPos:1.000,-2.000,3.5|FS:0,0>", "Idle", (1.0, -2.0, 3.5)),
+        ("<Hold:0|WPos:1.0,1.0,1.0|Bf:15,128|WCO:1.0,2.0,3.0>", "Hold", (2.0, 3.0, 4.0)),
+        ("<Run|FS:0,0|WPos:0,0,0>", "Run", (1.0, 2.0, 3.0)),
+        ("<Idle|MPos:1.0,x,3.0>", None, None),
+        ("<Idle|MPos:1.0,2.0", None, None),
+        ("ok", None, None),
+    ],
+)
+def test_reports(
+    port: tuple[GrblLink, int],
+    line: str,
+    state: str | None,
+    position: tuple[float, float, float] | None,
+) -> None:
+    link, _ = port
+    link.parse_status("<Idle|WPos:0,0,0|WCO:1.0,2.0,3.0>")  # the offset is remembered
+    status = link.parse_status(line)
+    assert (status and status.state, status and status.position) == (state, position)
 
 
-def test_a_probe_that_meets_nothing_is_told(station: Station, world: World) -> None:
-    world.arm(Fault("alarm-5", value=100))
-    with pytest.raises(NoTouchError, match="nothing was touched"):
-        find_touch(station, first=True)
-    assert station.robot.state().normal
-    assert world.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
+def test_answers_refusals_and_silence(port: tuple[GrblLink, int]) -> None:
+    link, master = port
+    os.write(master, b"Grbl 1.1h ['$' for help]\r\n")
+    link.wait_banner(2.0)
+    assert link.banner.startswith("Grbl 1.1h")
+    timer = threading.Timer(0.05, os.write, (master, b"[VER:1.1h]\r\nok\r\n"))
+    timer.start()
+    assert link.command("$I") == ["[VER:1.1h]"]
+    timer.join()
+    for answer, message in (
+        (b"error:15\r\n", "beyond the stage's travel"),
+        (b"error:\xff\r\n", "damaged"),
+        (b"", "did not answer"),
+    ):
+        timer = threading.Timer(0.05, os.write, (master, answer))
+        timer.start()
+        with pytest.raises(RobotError, match=message):
+            link.command("$J=X1", 0.2)
+        timer.join()
 
 
-def test_a_probe_stops_when_somebody_asks_to(station: Station, world: World) -> None:
-    robot = station.robot
-    assert isinstance(robot, GrblRobot)
-    probe, depths = robot.probe, []
-
-    def stopped(pose: Pose6, speed: float) -> Pose6 | None:
-        depths.append(world.truth().depth_mm)
-        station.stop_now()
-        return probe(pose, speed)
-
-    robot.probe = stopped  # type: ignore[method-assign]
-    with pytest.raises(StopNowError):
-        find_touch(station, first=True)
-    assert len(depths) == 1
-    assert world.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
+def answer_as_grbl(master: int, late_s: float, answered: int) -> None:
+    """Answer so many lines: the first late, ``$G`` and ``$$`` as GRBL does."""
+    told = {b"$G": b"[GC:G1 G21 G90]\r\n", b"$$": b"$13=0\r\n"}
+    text = b""
+    for number in range(answered):
+        while b"\n" not in text:
+            text += os.read(master, 100)
+        line, _, text = text.partition(b"\n")
+        time.sleep(0.0 if number else late_s)
+        os.write(master, told.get(line, b"") + b"ok\r\n")
 
 
-def _when_it_homes(robot: GrblRobot, act: Callable[[], None]) -> None:
-    end = time.monotonic() + 5.0
-    while not robot._homing and time.monotonic() < end:
-        time.sleep(0.002)
-    time.sleep(0.1)
-    act()
+@pytest.mark.parametrize("line", ["", "$I"])
+def test_a_late_answer_is_not_taken_for_that_of_the_next_line(
+    port: tuple[GrblLink, int], line: str
+) -> None:
+    link, master = port
+    stage = threading.Thread(target=answer_as_grbl, args=(master, 0.3, 3))
+    stage.start()
+    with pytest.raises(NoAnswerError):
+        link.command(line, 0.1)
+    assert link.command("$$") == ["$13=0"]
+    stage.join()
+
+
+def test_answers_that_stay_away_are_a_lost_stage(
+    port: tuple[GrblLink, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, _ = port
+    monkeypatch.setattr("tactibench_tactip.grbl.ANSWER_S", 0.1)
+    with pytest.raises(NoAnswerError):
+        link.command("$$", 0.1)
+    with pytest.raises(RobotLostError, match="too late or not at all"):
+        link.command("$$", 0.1)
+
+
+def test_a_port_is_held_alone_and_its_loss_is_told(port: tuple[GrblLink, int]) -> None:
+    link, master = port
+    with pytest.raises(UserError, match="no other program holds it"):
+        GrblLink(link._port.port)
+    os.close(master)
+    with pytest.raises(RobotLostError, match="the serial port went away"):
+        link.status()

@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_station import FakeRobot, make_settings
+from fake_station import EXAMPLE, STAGE, FakeRobot, make_settings, stand_in
 
 from tactibench import UserError
 from tactibench.cli.main import call
-from tactibench_tactip.commands import jog
-from tactibench_tactip.commands.jog import check_way
-from tactibench_tactip.poses import matrix, pose_of
-from tactibench_tactip.settings import Pose6, Settings, example_configuration
+from tactibench_tactip import (
+    Pose6,
+    Settings,
+    check_way,
+    matrix,
+    pose_of,
+)
 
 
 def at(x: float, y: float, z: float) -> Pose6:
@@ -76,14 +79,14 @@ def test_a_stage_is_homed_only_where_something_is_to_move(
 ) -> None:
     """Connecting alone would home it, because robot.home = true."""
     config = tmp_path / "lab.toml"
-    config.write_text(example_configuration("grbl"))
+    config.write_text(STAGE)
     connected: list[bool] = []
 
     def make(settings: Settings) -> FakeRobot:
         connected.append(settings.robot.home)
         return FakeRobot(settings)
 
-    monkeypatch.setattr(jog, "make_robot", make)
+    stand_in(make, monkeypatch)
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert call(["hw", "jog", "--config", str(config), *arguments.split()]) == code
     assert connected == homes
@@ -93,11 +96,11 @@ def test_force_stops_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = tmp_path / "lab.toml"
-    config.write_text(example_configuration("ur"))
+    config.write_text(EXAMPLE)
     robot = Pushed(make_settings())
     robot.at = pose_of(robot.work @ matrix(at(0, 0, -5)))
     robot.force = (0.0, 0.0, 0.0)
-    monkeypatch.setattr(jog, "make_robot", lambda _: robot)
+    stand_in(lambda _: robot, monkeypatch)
     arguments: list[Any] = ["hw", "jog", "--config", str(config), "--by", "0", "0", "3", "--yes"]
     assert call(arguments) == 2
     assert "envelope.max_force_n allows 15 N" in capsys.readouterr().err

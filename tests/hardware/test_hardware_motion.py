@@ -11,16 +11,23 @@ import pytest
 from fake_station import FakeRobot
 
 from tactibench import Scene, UserError
-from tactibench_tactip import motion, press_path
-from tactibench_tactip.camera import Camera
-from tactibench_tactip.collection import StopSignals
-from tactibench_tactip.errors import GuardError, ProtectiveStopError, RobotError, StopNowError
-from tactibench_tactip.motion import Mover, RobotThread, distance_from_line
-from tactibench_tactip.poses import matrix, pose_of
-from tactibench_tactip.press_geometry import PressGeometry
-from tactibench_tactip.robots.base import run_within
-from tactibench_tactip.settings import Settings
-from tactibench_tactip.station import Station
+from tactibench_tactip import (
+    Camera,
+    GuardError,
+    Mover,
+    ProtectiveStopError,
+    RobotError,
+    RobotThread,
+    Settings,
+    Station,
+    StopNowError,
+    StopSignals,
+    distance_from_line,
+    geometry_of,
+    matrix,
+    pose_of,
+    run_within,
+)
 
 
 @pytest.fixture
@@ -55,7 +62,7 @@ def test_a_robot_that_is_not_normal_is_not_moved(
 def test_a_move_that_never_ends_is_stopped(
     mover: Mover, robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(motion, "patience", lambda *_: 0.02)
+    monkeypatch.setattr("tactibench_tactip.motion.patience", lambda *_: 0.02)
     robot.busy = True
     with pytest.raises(RobotError, match="took longer than"):
         mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
@@ -93,9 +100,10 @@ def test_a_guard_stops_a_descent(mover: Mover, robot: FakeRobot) -> None:
     assert robot.stops == 1
 
 
-def test_too_much_force_is_a_reason(mover: Mover, robot: FakeRobot) -> None:
+def test_too_much_force_is_a_reason(robot: FakeRobot, make: Callable[..., Settings]) -> None:
+    mover = Mover(robot, make(envelope={"max_force_n": 5.0}), threading.Event())
     robot.force = (0.0, 0.0, 2.0)
-    guard = press_path.force_guard(mover, 5.0)
+    guard = mover.force_guard()
     assert guard(mover.pose()) == ""
     robot.force = (0.0, 3.0, -2.5)
     assert "max_force_n" in guard(mover.pose())
@@ -131,17 +139,17 @@ def test_distance_beside_a_line() -> None:
 def test_the_tool_is_drawn_back_along_the_press(
     mover: Mover, robot: FakeRobot, settings: Settings, press_of: Callable[..., Scene]
 ) -> None:
-    geometry = PressGeometry(settings.frames, 20.0)
+    geometry = geometry_of(settings)
     scene = press_of(4.0, -3.0, 5.0)
     mover.go(geometry.at_depth(scene, -10.0), 20.0)
     mover.go(geometry.at_depth(scene, 3.0), 5.0)
     x, y, *_ = mover.pose()
-    press_path.withdraw(mover, scene, geometry, settings)
+    mover.withdraw(scene, geometry)
     after = mover.pose()
     assert after[:2] == pytest.approx((x, y), abs=1e-6)
     assert after[2] == pytest.approx(-settings.envelope.clearance_mm)
     count = len(robot.moves)
-    press_path.withdraw(mover, scene, geometry, settings)
+    mover.withdraw(scene, geometry)
     assert len(robot.moves) == count  # high enough already
 
 
@@ -210,8 +218,7 @@ class TestStops:
     def test_the_first_interrupt_asks_the_second_stops(self) -> None:
         told: list[str] = []
         stopped: list[int] = []
-        stops = StopSignals(told.append)
-        stops.stop = lambda: stopped.append(1)
+        stops = StopSignals(told.append, lambda: stopped.append(1))
         stops.interrupt()
         assert (stops.end_requested.is_set(), stopped) == (True, [])
         stops.interrupt()
@@ -220,14 +227,13 @@ class TestStops:
 
     def test_sigterm_stops_at_once(self) -> None:
         stopped: list[int] = []
-        stops = StopSignals(lambda _: None)
-        stops.stop = lambda: stopped.append(1)
+        stops = StopSignals(lambda _: None, lambda: stopped.append(1))
         stops.interrupt(signal.SIGTERM)
         assert stopped == [1]
 
     def test_handlers_are_put_back(self) -> None:
         before: Any = signal.getsignal(signal.SIGINT)
-        stops = StopSignals(lambda _: None)
+        stops = StopSignals(lambda _: None, lambda: None)
         with stops.installed():
             signal.raise_signal(signal.SIGINT)
         assert stops.end_requested.is_set()

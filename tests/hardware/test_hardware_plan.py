@@ -14,21 +14,23 @@ from hypothesis import strategies as st
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.geometry import true_contacts
 from tactibench.lab import Press
-from tactibench_tactip.motion import move_seconds
-from tactibench_tactip.plan import (
+from tactibench_tactip import (
     CollectionPlan,
+    EnvelopeSettings,
+    Pose6,
+    PressGeometry,
+    Settings,
     check_plan,
     describe_indenter,
+    envelope_violation,
     estimate_seconds,
+    geometry_of,
     indenter_settings,
     is_mounted,
+    move_seconds,
     plan_of,
     with_smallest_turn,
 )
-from tactibench_tactip.poses import envelope_violation
-from tactibench_tactip.press_geometry import PressGeometry
-from tactibench_tactip.press_path import path_of
-from tactibench_tactip.settings import EnvelopeSettings, Pose6, Settings
 
 KEYS = EnvelopeSettings()
 HOME: Pose6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -39,7 +41,7 @@ def one(scene: Scene) -> CollectionPlan:
 
 
 def geometry(settings: Settings, z0: float = 0.0) -> PressGeometry:
-    return PressGeometry(settings.frames, settings.sensor.dome_radius_mm, z0)
+    return geometry_of(settings).with_z0(z0)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +137,7 @@ def test_sideways_motion_is_at_one_height_for_all_presses(settings: Settings) ->
     scenes = [
         Scene(Indenter.single(), Pose(x, y, depth=2.0)) for x, y in ((0, 0), (6, -6), (-3, 5))
     ]
-    heights = [path_of(scene, geometry(settings), settings).above[2] for scene in scenes]
+    heights = [geometry(settings).path(scene).above[2] for scene in scenes]
     assert heights == pytest.approx([-settings.envelope.clearance_mm] * 3)
 
 

@@ -12,9 +12,18 @@ from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.geometry import true_contacts
-from tactibench_tactip.poses import angle_between, from_ur, inverse, matrix, pose_of, to_ur
-from tactibench_tactip.press_geometry import PressGeometry, touch_height
-from tactibench_tactip.settings import FrameSettings, Pose6
+from tactibench_tactip import (
+    FrameSettings,
+    Pose6,
+    PressGeometry,
+    angle_between,
+    from_ur,
+    inverse,
+    matrix,
+    pose_of,
+    to_ur,
+    touch_height,
+)
 
 WORK: Pose6 = (109.1, -487.0, 341.3, 180.0, 0.0, -90.0)
 angle = st.floats(-179.0, 179.0)

@@ -6,9 +6,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from fake_station import EXAMPLE, STAGE
 
 from tactibench import Indenter, UserError
-from tactibench_tactip.settings import MAY_CHANGE, Settings, example_configuration, read_settings
+from tactibench_tactip import MAY_CHANGE, Settings, read_settings
 
 
 @pytest.mark.parametrize("angles", ["180.3, -0.8, 2.0", "0.4, -0.3, 1.2", "363.1, 0.0, 0.0"])
@@ -17,19 +18,17 @@ def test_small_angles_in_degrees_are_taken(tmp_path: Path, angles: str) -> None:
     assert read_settings(path).frames.work_frame[3] == float(angles.split(",")[0])
 
 
-@pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])
-def test_the_example_is_valid_and_shows_every_table(driver: str) -> None:
-    tables = tomllib.loads(example_configuration(driver))
-    settings = Settings.model_validate(tables)
-    assert settings.robot.driver == driver
+def test_the_example_is_valid_and_shows_every_table() -> None:
+    tables = tomllib.loads(EXAMPLE)
+    assert Settings.model_validate(tables).robot.driver == "ur"
+    assert Settings.model_validate(tomllib.loads(STAGE)).robot.homes
     assert {"schema", *tables} == {"schema", *Settings.model_fields} - {"schema_"}
 
 
-def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path:
-    text = example_configuration(driver)
-    assert before in text
+def changed(tmp_path: Path, before: str, after: str) -> Path:
+    assert before in EXAMPLE
     path = tmp_path / "lab.toml"
-    path.write_text(text.replace(before, after), encoding="utf-8")
+    path.write_text(EXAMPLE.replace(before, after, 1), encoding="utf-8")
     return path
 
 
@@ -43,7 +42,6 @@ def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path
         ("pins = 127", "pins = true", r"'sensor.pins' is True"),
         ("settle_s = 0.2", "settle_s = nan", r"'timing.settle_s' is nan"),
         ('kind = "single"', 'kind = "dual"', r"distance_mm belongs to a dual"),
-        ('driver = "ur"', 'driver = "ur"\ntime_scale = 5.0', r"no emulator.*leave time_scale out"),
         ("press_mm_s = 5.0", "press_mm_s = 0.005", r"'robot.press_mm_s' is 0.005"),
         ("approach_mm_s = 20.0", "approach_mm_s = 0.02", r"'robot.approach_mm_s' is 0.02"),
         ("half_width_mm = 12.0", "half_width_mm = 1200.0", r"'envelope.half_width_mm' is 1200"),
@@ -67,12 +65,12 @@ def test_a_mistake_is_one_sentence_with_the_key(
 
 
 def test_a_file_that_is_not_there_says_how_to_get_one(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="hw emulate --write` makes one"):
+    with pytest.raises(UserError, match="hw example` prints one"):
         read_settings(tmp_path / "none.toml")
 
 
 def test_indenters() -> None:
-    base = tomllib.loads(example_configuration("ur"))
+    base = tomllib.loads(EXAMPLE)
     base["indenter"] = {"kind": "triple", "heights_mm": [0.0, 1.5, 3.0]}
     keys = Settings.model_validate(base).indenter
     assert keys.indenter() == Indenter.triple((0.0, 1.5, 3.0))
@@ -83,13 +81,13 @@ def test_indenters() -> None:
 
 
 def test_a_data_set_is_bound_to_what_decides_on_frames_and_labels() -> None:
-    tables = tomllib.loads(example_configuration("ur"))
+    tables = tomllib.loads(EXAMPLE)
     begun = Settings.model_validate(tables).record()
     tables["robot"] |= {"address": "10.0.0.2", "watchdog_hz": 5.0}
     tables["camera"] |= {"source": 3, "stall_s": 2.0}
     tables["sensor"]["pins_tolerance"] = 6
     tables["indenter"] = {"kind": "dual", "distance_mm": 9.0}
-    tables["safety"]["auto_recover"] = 1
+    tables["safety"]["give_up"] = 9
     tables["timing"]["settle_s"] = 0.3
     tables["envelope"]["max_force_n"] = 10.0
     now = Settings.model_validate(tables)
@@ -110,13 +108,13 @@ def test_a_data_set_is_bound_to_what_decides_on_frames_and_labels() -> None:
 def test_the_docs_name_every_key_that_binds_a_data_set() -> None:
     docs = (Path(__file__).parents[2] / "docs" / "hardware.md").read_text()
     refused = docs[docs.index("It refuses") : docs.index("Everything else may change")]
-    record = Settings.model_validate(tomllib.loads(example_configuration("ur"))).record()
+    record = Settings.model_validate(tomllib.loads(EXAMPLE)).record()
     for table in set(record) - {"schema", "frames"}:
         for key in set(record[table]) - set(MAY_CHANGE.get(table, ())):
             assert f"`{key}`" in refused
 
 
 def test_every_key_that_may_change_is_one_of_its_table() -> None:
-    record = Settings.model_validate(tomllib.loads(example_configuration("ur"))).record()
+    record = Settings.model_validate(tomllib.loads(EXAMPLE)).record()
     for table, names in MAY_CHANGE.items():
         assert set(names) <= set(record[table])

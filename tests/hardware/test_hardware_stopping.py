@@ -10,12 +10,16 @@ import pytest
 from fake_station import FakeRobot
 
 from tactibench import Scene
-from tactibench_tactip import station as stations
-from tactibench_tactip.camera import Camera
-from tactibench_tactip.errors import ProtectiveStopError, RobotError
-from tactibench_tactip.motion import Mover, RobotThread
-from tactibench_tactip.settings import Pose6, Settings
-from tactibench_tactip.station import Station
+from tactibench_tactip import (
+    Camera,
+    Mover,
+    Pose6,
+    ProtectiveStopError,
+    RobotError,
+    RobotThread,
+    Settings,
+    Station,
+)
 
 TICKS = 150
 
@@ -70,7 +74,7 @@ def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
 ) -> None:
     with camera, Station(settings, robot, camera) as station:
         station.look_at_rest()
-        monkeypatch.setattr(stations, "patience", lambda *_: 0.05)
+        monkeypatch.setattr("tactibench_tactip.station.patience", lambda *_: 0.05)
         with pytest.raises(RobotError, match="told to stop"):
             station.press(press_of())
         assert withdrawn_after_a_stop(robot)

@@ -12,12 +12,18 @@ from hypothesis import settings as settings_of
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench_tactip.camera import Camera
-from tactibench_tactip.commands.calibrate import fit_centre, fit_yaw
-from tactibench_tactip.errors import GuardError
-from tactibench_tactip.settings import Settings
-from tactibench_tactip.station import Station
-from tactibench_tactip.touch import NoTouchError, find_touch, fit_onset, projections
+from tactibench_tactip import (
+    Camera,
+    GuardError,
+    NoTouchError,
+    Settings,
+    Station,
+    find_touch,
+    fit_centre,
+    fit_onset,
+    fit_yaw,
+    projections,
+)
 
 
 @given(st.floats(-0.2, 0.2), st.sampled_from([1.0, 1.2, 1.5, 2.0]), st.integers(0, 50))
@@ -99,18 +105,6 @@ def test_a_fixed_place_moves_nothing(
         before = len(robot.moves)
         assert find_touch(station, first=True).z0_mm == 0.3
         assert len(robot.moves) == before
-
-
-def test_a_probe_needs_a_stage(
-    make: Callable[..., Settings], robot: FakeRobot, camera: Camera
-) -> None:
-    settings = make(contact={"method": "probe"})
-    with (
-        camera,
-        Station(settings, robot, camera) as station,
-        pytest.raises(UserError, match="needs a stage"),
-    ):
-        find_touch(station, first=True)
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))

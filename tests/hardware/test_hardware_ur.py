@@ -1,4 +1,4 @@
-"""The driver of a UR, with ur_rtde, against an emulated controller, and what it refuses."""
+"""The driver of a UR, with ur_rtde, against a scripted controller, and what it refuses."""
 
 from __future__ import annotations
 
@@ -7,27 +7,25 @@ import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 
-import numpy as np
 import pytest
-from emulated import GraySensor, finish, stands
+from fake_station import finish
+from scripted_ur import STOP_L, ScriptedUr
 
 from tactibench import UserError
-from tactibench_tactip.emulators import Fault
-from tactibench_tactip.emulators.ur import UrEmulator
-from tactibench_tactip.emulators.world import Clock, World
-from tactibench_tactip.errors import RobotError, RobotLostError
-from tactibench_tactip.poses import angle_between
-from tactibench_tactip.robots.ur import (
-    Dashboard,
+from tactibench_tactip import (
+    Pose6,
+    RobotError,
+    RobotLostError,
+    Settings,
     UrRobot,
+    angle_between,
     describe_safety,
+    from_ur,
     is_normal,
     is_protective_stop,
 )
-from tactibench_tactip.settings import Pose6, Settings
 
 Make = Callable[..., Settings]
-SCALE = 40.0
 HOST = "127.0.0.97"
 needs_rtde = pytest.mark.skipif(
     find_spec("rtde_control") is None, reason="ur_rtde is not installed (no wheel for Python 3.13)"
@@ -35,29 +33,35 @@ needs_rtde = pytest.mark.skipif(
 
 
 @pytest.fixture
-def world() -> World:
-    return World(GraySensor(), clock=Clock(SCALE))
-
-
-@pytest.fixture
-def arm(world: World) -> Iterator[UrEmulator]:
-    with UrEmulator(world, HOST) as arm:
+def arm() -> Iterator[ScriptedUr]:
+    with ScriptedUr(HOST) as arm:
         yield arm
 
 
 @pytest.fixture
-def robot(arm: UrEmulator, make: Make) -> Iterator[UrRobot]:
-    keys = {"address": arm.host, "time_scale": SCALE, "watchdog_hz": 2.0}
-    robot = UrRobot(make(robot=keys))
+def robot(arm: ScriptedUr, make: Make) -> Iterator[UrRobot]:
+    robot = UrRobot(make(robot={"address": arm.host, "watchdog_hz": 2.0}))
     robot.connect()
     yield robot
     robot.close()
 
 
-def test_local_mode_is_refused(world: World, make: Make) -> None:
-    with UrEmulator(world, HOST, remote=False) as arm:
+@pytest.mark.parametrize(
+    ("given", "change", "message"),
+    [
+        ({"remote": False}, {}, r"local mode; switch it to remote control"),
+        ({}, {"safety": "ROBOT_EMERGENCY_STOP"}, "safety status is ROBOT_EMERGENCY_STOP"),
+        ({}, {"mode": 3}, "robot mode POWER_OFF"),
+    ],
+)
+def test_an_arm_that_is_not_ready_is_refused(
+    make: Make, given: dict[str, bool], change: dict[str, object], message: str
+) -> None:
+    with ScriptedUr(HOST, **given) as arm:
+        for name, value in change.items():
+            setattr(arm, name, value)
         robot = UrRobot(make(robot={"address": arm.host}))
-        with pytest.raises(UserError, match=r"local mode; switch it to remote control"):
+        with pytest.raises(UserError, match=message):
             robot.connect()
         robot.close()
 
@@ -67,18 +71,11 @@ def test_a_robot_that_is_not_there(make: Make) -> None:
         UrRobot(make(robot={"address": "127.0.0.98"})).connect()
 
 
-def test_the_dashboard_says_what_it_is(arm: UrEmulator) -> None:
-    board = Dashboard(arm.host)
-    board.check_ready()
-    assert "5.12" in board.version
-    board.close()
-
-
 @needs_rtde
 @pytest.mark.long
-def test_registers_of_a_fieldbus_are_refused(world: World, make: Make) -> None:
-    with UrEmulator(world, HOST, in_use=("input_int_register_0",)) as arm:
-        robot = UrRobot(make(robot={"address": arm.host, "time_scale": SCALE}))
+def test_registers_of_a_fieldbus_are_refused(make: Make) -> None:
+    with ScriptedUr(HOST, in_use="input_int_register_0") as arm:
+        robot = UrRobot(make(robot={"address": arm.host}))
         with pytest.raises(UserError, match=r"already in use.*fieldbus"):
             robot.connect()
         robot.close()
@@ -86,35 +83,27 @@ def test_registers_of_a_fieldbus_are_refused(world: World, make: Make) -> None:
 
 @needs_rtde
 @pytest.mark.long
-def test_another_tcp_on_the_pendant_is_refused_before_it_is_replaced(
-    world: World, make: Make
-) -> None:
-    with UrEmulator(world, HOST, tool=(0.0, 0.0, 50.0, 0.0, 0.0, 0.0)) as arm:
-        keys = {"address": arm.host, "time_scale": SCALE, "watchdog_hz": 2.0}
-        robot = UrRobot(make(robot=keys))
+def test_another_tcp_on_the_pendant_is_refused_before_it_is_replaced(make: Make) -> None:
+    with ScriptedUr(HOST, tcp_mm=50.0) as arm:
+        robot = UrRobot(make(robot={"address": arm.host}))
         with pytest.raises(UserError, match=r"TCP is 0\.0, -?0\.0, 50\.0.*robot\.set_tcp = true"):
             robot.connect()
         robot.close()
-        before = arm.controller.pose()
-        robot = UrRobot(make(robot={**keys, "set_tcp": True}))
+        assert arm.tcp[2] == 0.05
+        robot = UrRobot(make(robot={"address": arm.host, "set_tcp": True}))
         robot.connect()
-        assert 1000.0 * np.linalg.norm(arm.controller.pose() - before) == pytest.approx(39.1)
+        assert arm.tcp[2] == pytest.approx(0.0891)
+        assert arm.watchdog_hz == 10.0
         assert robot.describe()["speed_slider"] == "100 %"
         robot.close()
 
 
 @needs_rtde
 @pytest.mark.long
-def test_the_process_of_the_arm_has_a_group_in_our_session(robot: UrRobot) -> None:
-    """Ctrl-C does not reach it; a session of its own would be starved by the kernel."""
+def test_it_goes_where_it_is_sent_and_stops(robot: UrRobot, arm: ScriptedUr) -> None:
+    # Ctrl-C does not reach its process; a session of its own would be starved by the kernel.
     process = robot._link._process.pid
-    assert os.getsid(process) == os.getsid(0)
-    assert os.getpgid(process) == process
-
-
-@needs_rtde
-@pytest.mark.long
-def test_it_goes_where_it_is_sent_and_stops(robot: UrRobot, world: World) -> None:
+    assert (os.getsid(process), os.getpgid(process)) == (os.getsid(0), process)
     start = robot.pose()
     target: Pose6 = (start[0] + 3.0, start[1], start[2] - 5.0, *start[3:])
     robot.start(target, 20.0, 500.0)
@@ -123,36 +112,28 @@ def test_it_goes_where_it_is_sent_and_stops(robot: UrRobot, world: World) -> Non
     assert angle_between(robot.pose(), target) < 0.01
     state = robot.state()
     assert state.normal
-    assert state.force_n is not None
+    assert state.force_n == (0.0, 0.0, 0.0)
     robot.start(start, 0.5, 500.0)
     robot.stop()
     finish(robot)
-    assert robot.pose()[2] < start[2] - 0.5
-    assert stands(world)
+    assert STOP_L in arm.commands
     robot.close()
+    _until(lambda: not arm.runs)
     with pytest.raises(RobotLostError):
         robot.state()
 
 
 @needs_rtde
 @pytest.mark.long
-def test_a_protective_stop_is_released_where_an_ended_program_is_told(
-    robot: UrRobot, world: World
-) -> None:
-    pose = robot.pose()
-    world.arm(Fault("protective-stop"), Fault("unlock-refused", value=1))
+def test_a_stop_and_an_ended_program_are_told(robot: UrRobot, arm: ScriptedUr) -> None:
+    pose = from_ur(arm.pose)
+    arm.stop_with("PROTECTIVE_STOP")
     _until(lambda: robot.state().stopped)
     with pytest.raises(RobotError, match=r"the UR refuses.*protective stop"):
         robot.start(pose, 5.0, 500.0)
-    robot.recover()
-    assert robot.state().normal
-    with pytest.raises(RobotError, match="only a protective stop is released"):
-        robot.recover()
-    robot.start((*pose[:2], pose[2] + 2.0, *pose[3:]), 5.0, 500.0)
-    finish(robot)
-    assert robot.pose()[2] == pytest.approx(pose[2] + 2.0, abs=0.02)
-    world.arm(Fault("program-stop"))
-    _until(lambda: not robot.state().normal)
+    arm.safety = "NORMAL"
+    _until(lambda: not robot.state().stopped)
+    assert not robot.state().normal
     assert "its control program ended" in robot.state().description
     with pytest.raises(RobotError, match="control program") as caught:
         robot.start(pose, 5.0, 500.0)
@@ -161,8 +142,8 @@ def test_a_protective_stop_is_released_where_an_ended_program_is_told(
 
 @needs_rtde
 @pytest.mark.long
-def test_a_stream_that_freezes_is_a_lost_arm(robot: UrRobot, world: World) -> None:
-    world.arm(Fault("frozen-stream", value=SCALE * 60))
+def test_a_stream_that_freezes_is_a_lost_arm(robot: UrRobot, arm: ScriptedUr) -> None:
+    arm.frozen = True
     with pytest.raises(RobotLostError, match="sends nothing any more"):
         _until(lambda: robot.state() is None)
 
@@ -185,7 +166,7 @@ def test_safety_bits(bits: int, mode: int, message: str, normal: bool, protectiv
 
 
 def _until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 10.0
     while not condition():
         assert time.monotonic() < end, "it did not happen in time"
         time.sleep(0.01)

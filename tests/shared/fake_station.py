@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import json
+import sys
 import threading
 import time
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cv2
 import numpy as np
 
-from tactibench import Pose, Scene
-from tactibench_tactip.poses import inverse, matrix, pose_of
-from tactibench_tactip.press_geometry import PressGeometry
-from tactibench_tactip.robots.base import RobotState
-from tactibench_tactip.settings import Pose6, Settings, example_configuration
+from tactibench import Indenter, Pose, Scene
+from tactibench_tactip import (
+    Camera,
+    CameraSettings,
+    Pose6,
+    PressGeometry,
+    RobotState,
+    Settings,
+    inverse,
+    matrix,
+    pose_of,
+)
 
+EXAMPLE = (Path(__file__).parents[2] / "plugins/tactibench_tactip/example.toml").read_text("utf-8")
+"""What ``hw example`` prints."""
+STAGE = EXAMPLE.replace('driver = "ur"', 'driver = "grbl"').replace("# home = true", "home = true")
 TRUE_Z0 = 0.35
 FIXED_TOUCH = {"method": "fixed", "fixed_mm": TRUE_Z0}
 """Table [contact] with which nothing is searched."""
@@ -38,6 +52,7 @@ class FakeRobot:
         self.fails: Callable[[int], None] = lambda _: None
         self.force: tuple[float, float, float] | None = None
         self.stiffness: float | None = None
+        self.capture: FakeCapture | None = None
 
     def connect(self) -> None: ...
 
@@ -63,6 +78,13 @@ class FakeRobot:
     def depth(self) -> float:
         """Past the true first touch on the work frame's axis, at least 0."""
         return max(0.0, self.tool()[2] - TRUE_Z0)
+
+    def camera(self, settings: CameraSettings) -> Camera:
+        capture = self.capture or FakeCapture(self)
+        return Camera(settings, lambda _: capture)
+
+    def mount(self, indenter: Indenter) -> bool:
+        return False
 
     def close(self) -> None:
         self.closed = True
@@ -127,24 +149,43 @@ class FakeCapture:
     def release(self) -> None: ...
 
 
-def make_settings(**tables: dict[str, Any]) -> Settings:
-    """Return settings of a UR with a fake camera; tables: changes."""
-    configuration = tomllib.loads(example_configuration("ur"))
+def make_tables(**tables: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables of a UR with a fake camera; tables: changes."""
+    configuration = tomllib.loads(EXAMPLE)
     configuration["camera"] = {"source": "fake", "fps": 500.0, "warmup_frames": 3}
     del configuration["sensor"]["pins"]
     configuration["timing"]["settle_s"] = 0.0
     for name, values in tables.items():
         configuration[name] |= values
-    return Settings.model_validate(configuration)
+    return configuration
 
 
-def stand_in(robot: FakeRobot, put: Callable[[Any, str, Any], None]) -> None:
-    """Let every station that is made have this robot, with a camera beside it. put: ``setattr`` of
-    a patch."""
-    from tactibench_tactip import collection, station
-    from tactibench_tactip.camera import Camera
+def make_settings(**tables: dict[str, Any]) -> Settings:
+    """Return settings of a UR with a fake camera; tables: changes."""
+    return Settings.model_validate(make_tables(**tables))
 
-    capture = FakeCapture(robot)
-    for module in (station, collection):
-        put(module, "make_robot", lambda _: robot)
-        put(module, "Camera", lambda settings: Camera(settings, lambda _: capture))
+
+def write_settings(path: Path, **tables: dict[str, Any]) -> Path:
+    """Write and return a configuration of a UR with a fake camera; tables: changes."""
+    lines = ["schema = 1"]
+    for name, table in make_tables(**tables).items():
+        if name != "schema":
+            lines += [f"[{name}]", *(f"{key} = {json.dumps(v)}" for key, v in table.items())]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def stand_in(make: Callable[[Settings], FakeRobot], patch: Any) -> None:
+    """Let every configuration have the robot that ``make`` returns, and its camera. patch: pytest's
+    monkeypatch."""
+    module = ModuleType("robot_that_stands_in")
+    module.make = make  # type: ignore[attr-defined]
+    patch.setitem(sys.modules, module.__name__, module)
+    names = dict.fromkeys(("ur", "grbl", "cri"), (module.__name__, "make"))
+    patch.setattr("tactibench_tactip.robots.DRIVERS", names)
+
+
+def finish(robot: Any) -> None:
+    """Wait until a robot has ended its move."""
+    while robot.moving():
+        time.sleep(0.001)

@@ -68,15 +68,15 @@ def _sweep(data: bytes, folder: Path) -> None:
 
 
 def _settings(data: bytes, folder: Path) -> None:
-    from tactibench_tactip.settings import read_settings
+    from tactibench_tactip import read_settings
 
     read_settings(_in(folder, "hw.toml", data))
 
 
 def _settings_seeds(_: Path) -> list[bytes]:
-    from tactibench_tactip.settings import example_configuration
+    from fake_station import EXAMPLE, STAGE
 
-    return [example_configuration(driver).encode() for driver in ("ur", "grbl", "cri")]
+    return [EXAMPLE.encode(), STAGE.encode()]
 
 
 def _record(data: bytes, folder: Path) -> None:

@@ -7,21 +7,19 @@ from importlib import import_module
 import click
 
 VERBS = {
-    "calibrate": ("calibrate", "find where the sensor sits: centre and yaw from presses"),
+    "calibrate": ("calibrate", "find where the sensor sits, and how long a press settles"),
     "collect": ("collect", "press a protocol's presses and keep the frames"),
-    "doctor": ("doctor", "say what is reachable, and what is not as the configuration says"),
-    "emulate": ("emulate", "run emulators of all that a configuration names, and print one"),
-    "jog": ("jog", "move the tool by hand, inside the envelope; home a stage"),
-    "list": ("list_devices", "list cameras and serial ports"),
+    "doctor": ("devices", "say what is reachable, and what is not as the configuration says"),
+    "example": ("devices", "print a commented configuration to start from"),
+    "jog": ("devices", "move the tool by hand, inside the envelope; home a stage"),
     "live": ("live", "watch camera, pins, contacts and the latency of the loop"),
-    "plan": ("plan", "check the presses of a protocol before anything moves, and draw them"),
-    "replay": ("replay", "press some of a data set again and compare the frames"),
-    "settle-test": ("settle_test", "see how long the skin creeps after a press"),
+    "plan": ("collect", "check the presses of a protocol before anything moves"),
 }
+"""Name -> module beside this one, which has the verb as an attribute, and a few words."""
 
 
 class Verbs(click.Group):
-    """Verbs by name; each is the attribute ``command`` of a module beside this one."""
+    """Verbs by name, imported when they are called."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Return the names, sorted."""
@@ -39,7 +37,7 @@ class Verbs(click.Group):
 
             raise UserError(f"unknown command 'hw {name}'; {did_you_mean(name, VERBS)}")
         module = import_module(f"tactibench_tactip.commands.{VERBS[name][0]}")
-        command: click.Command = module.command
+        command: click.Command = getattr(module, name)
         return command
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -53,10 +51,10 @@ def hw() -> None:
     """Work with a real TacTip under a UR arm or a serial stage.
 
     \b
-    tactibench hw emulate --write lab.toml              a configuration to start from
+    tactibench hw example > lab.toml                    a configuration to start from
     tactibench hw collect exp1 --config lab.toml --emulate --count 20 --out data/try
     tactibench hw doctor --config lab.toml              then the real devices
 
-    Verbs that open devices take --emulate to rehearse on emulators. Limits of a configuration are
-    no safety function: see docs/hardware.md.
+    Verbs that open devices take --emulate to rehearse with a simulated robot and camera. Limits of
+    a configuration are no safety function: see docs/hardware.md.
     """

@@ -1,4 +1,4 @@
-"""``tactibench hw calibrate``: the sensor's place, from first touches and images of presses.
+"""``tactibench hw calibrate``: the sensor's place, and how long a press settles.
 
 A tip whose axis passes the dome's at distance rho touches sqrt((R_d + R)^2 - rho^2) above its
 centre, so heights of first touch at known places w_i of the work frame fit
@@ -9,11 +9,15 @@ with the centre w_0 and the height z_0 unknown. In the image a press shows at m_
 squared change, against the middle of all presses: m_i = (s + k |u_i|^2) R(yaw) F u_i + c, where
 u_i = w_i - w_0, F turns y about (the sensor's z looks against the work frame's), s and k are the
 camera's scale and its first distortion, c what is left of the centre.
+
+Skin and gel creep after a press: at last one press is held, and the time is told after which its
+image changes no more.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +28,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tactibench import Pose, Scene, UserError
-from tactibench_tactip.camera import Image
+from tactibench_tactip.camera import CameraFrame, Image
 from tactibench_tactip.commands.output import (
     device_options,
     json_option,
@@ -33,13 +37,16 @@ from tactibench_tactip.commands.output import (
     progress_bar,
     write_figures,
 )
-from tactibench_tactip.emulators import HiddenOffset
-from tactibench_tactip.poses import Array
+from tactibench_tactip.geometry import Array
+from tactibench_tactip.robots import make_robot
+from tactibench_tactip.simulation import OFFSET, SimulatedRobot
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
 
-HIDDEN = HiddenOffset(0.4, -0.3, 0.8, 6.0)
-"""The place of a rehearsal's sensor, for the calibration to find."""
+HOLD_S = 3.0
+"""Time for which the last press is held: what creeps longer, creeps for minutes."""
+MEAN_OF = 5
+"""Frames of the held press that are averaged against noise."""
 
 
 @click.command("calibrate")
@@ -48,22 +55,28 @@ HIDDEN = HiddenOffset(0.4, -0.3, 0.8, 6.0)
 @number_option("--depth", click.FloatRange(0.5, 5), 2.0, "Depth of the presses, mm.")
 @number_option("--points", click.IntRange(4, 24), 8, "Presses on the circle.")
 @json_option
-def command(
+def calibrate(
     radius: float, depth: float, points: int, json_file: Path | None, **device: Any
 ) -> None:
     """Find where the sensor sits, from presses of one tip: centre, yaw of the image, height.
 
     First touch is found at every place: the heights lie on the dome, whose top is the centre. The
     place of every press in the image, against where the tool was, gives the yaw. Prints the line
-    for [frames].
+    for [frames]. At last a press is held: timing.settle_s is well chosen when its image no longer
+    changes after it.
     """
-    with open_devices(**device, hidden=HIDDEN) as (settings, emulation):
+    with open_devices(**device) as settings:
         if settings.indenter.kind != "single":
             raise UserError(
                 'a calibration needs one tip; mount it and say indenter.kind = "single".'
             )
-        with Station(settings) as station, progress_bar("press", points + 1) as advance:
-            result = calibrate(station, radius, depth, points, advance)
+        robot = make_robot(settings)
+        if isinstance(robot, SimulatedRobot):
+            robot.misplace()
+        with Station(settings, robot) as station, progress_bar("press", points + 2) as advance:
+            result = measure_place(station, radius, depth, points, advance)
+            settled_s = measure_settling(station, depth, HOLD_S)
+            advance(1)
     x, y, yaw = result.sensor
     click.echo(f"sensor = [{x:.3f}, {y:.3f}, {yaw:.2f}]    # in [frames]")
     click.echo(
@@ -71,16 +84,21 @@ def command(
         f"{points + 1} presses; heights lie {result.height_rms_mm:.3f} mm from the dome; first "
         f"touch at z {result.z0_mm:+.3f} mm of the work frame"
     )
-    if emulation is not None:
+    click.echo(
+        f"the image of a press changes no more after {settled_s:.2f} s; timing.settle_s is "
+        f"{settings.timing.settle_s:g}"
+    )
+    if settings.simulated:
         click.echo(
-            f"emulated: the sensor sits at {HIDDEN.x}, {HIDDEN.y} mm and {HIDDEN.yaw:g} deg from "
-            "[frames]"
+            f"simulated: the sensor sits at {OFFSET[0]}, {OFFSET[1]} mm and {OFFSET[2]:g} deg from "
+            "[frames], and its skin does not creep"
         )
     figures = [
         ("centre", "x", x, "mm"),
         ("centre", "y", y, "mm"),
         ("yaw", "all", yaw, "deg"),
         ("first_touch", "all", result.z0_mm, "mm"),
+        ("settled", "all", settled_s, "s"),
     ]
     write_figures(json_file, figures)
 
@@ -104,7 +122,7 @@ class Calibration:
     height_rms_mm: float
 
 
-def calibrate(
+def measure_place(
     station: Station, radius: float, depth: float, points: int, advance: Callable[[int], None]
 ) -> Calibration:
     """Find first touch and press at the middle and on a circle, and return the sensor's place.
@@ -204,3 +222,39 @@ def fit_yaw(from_centre: Array, seen: Array) -> tuple[float, float]:
     spread = np.linalg.pinv(best.jac.T @ best.jac) * 2.0 * best.cost / max(1, len(seen) * 2 - 5)
     yaw = math.degrees(float(best.x[0]))
     return (yaw + 180.0) % 360.0 - 180.0, math.degrees(float(np.sqrt(spread[0, 0])))
+
+
+def measure_settling(station: Station, depth: float, seconds: float) -> float:
+    """Press at the apex, hold the press, and return the time after which it changes no more, s.
+
+    That is when running means of its frames stay within twice their noise of the last one.
+
+    Args:
+        station: An open station that found first touch.
+        depth: Depth of the press, mm.
+        seconds: Time for which it is held.
+
+    Raises:
+        RobotError: A move failed.
+        CameraError: The camera gives no frames.
+        StopNowError: Somebody asked to stop.
+        UserError: The press is too deep for the sensor.
+    """
+    scene = Scene(station.settings.indenter.indenter(), Pose(depth=depth))
+    path, rest = station.path(scene), station.rest_reference()
+    frames: list[CameraFrame] = []
+    with station.at(scene):
+        since_ns = began_ns = station.do(lambda m: station.down(m, path))
+        while len(frames) <= MEAN_OF or time.monotonic_ns() < began_ns + 1e9 * seconds:
+            frames += station.camera.fresh(since_ns)
+            since_ns = frames[-1].t_ns + 1
+            station.do(lambda m: m.check())
+        station.retract(scene)
+    images = [frame.image for frame in frames]
+    last = np.mean(images[-MEAN_OF:], axis=0)
+    starts = range(len(images) - MEAN_OF + 1)
+    change = [np.abs(np.mean(images[k : k + MEAN_OF], axis=0) - last).mean() for k in starts]
+    # Means of n frames each differ by sqrt(2 / n) of the deviation; two frames by sqrt(2) of it.
+    loud = np.flatnonzero(np.array(change) > 2.0 * rest.between / MEAN_OF**0.5)
+    first = min(int(loud[-1]) + 1, len(change) - 1) if len(loud) else 0
+    return max(0.0, (frames[first].t_ns - began_ns) * 1e-9)

@@ -1,4 +1,4 @@
-"""``tactibench hw collect``."""
+"""``tactibench hw plan`` and ``tactibench hw collect``."""
 
 from __future__ import annotations
 
@@ -9,23 +9,100 @@ from typing import Any
 import click
 
 from tactibench import Indenter, UserError
-from tactibench_tactip.collection import collect, dry_run
-from tactibench_tactip.collector import Callbacks, SessionReport
+from tactibench_tactip.collection import Callbacks, SessionReport, dry_run
+from tactibench_tactip.collection import collect as collect_presses
 from tactibench_tactip.commands.output import (
+    Verb,
+    config_option,
     device_options,
     format_duration,
     is_quiet,
     json_option,
     number_option,
     open_devices,
+    print_rows,
     progress_bar,
     write_figures,
 )
-from tactibench_tactip.commands.plan import plan_options
-from tactibench_tactip.emulators import Emulation
-from tactibench_tactip.plan import describe_indenter, estimate_seconds, plan_of
+from tactibench_tactip.geometry import geometry_of
+from tactibench_tactip.plan import (
+    check_plan,
+    describe_indenter,
+    estimate_seconds,
+    is_mounted,
+    plan_of,
+)
+from tactibench_tactip.robots import make_robot
+from tactibench_tactip.settings import read_settings
 
 INTERRUPTED = 130
+MOUNT_S = 180.0
+"""Time in which a person mounts an indenter and finds its middle (assumed)."""
+MOST_ROWS = 20
+
+
+def plan_options(verb: Verb) -> Verb:
+    """Add the options that choose presses of a protocol."""
+    draw = click.option(
+        "--draw",
+        "draws",
+        multiple=True,
+        metavar="NAME[=N]",
+        help="Of the protocol only these, or N of every indenter of it; repeat it.",
+    )
+    count = click.option(
+        "--count",
+        type=click.IntRange(min=1),
+        help="At most so many of every indenter of every draw, evenly spread.",
+    )
+    seed = click.option(
+        "--seed", type=click.IntRange(min=0), help="Other presses than the protocol's."
+    )
+    return draw(count(seed(verb)))
+
+
+@click.command("plan")
+@click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
+@config_option
+@plan_options
+@json_option
+def plan(
+    presses: str,
+    config: Path,
+    draws: tuple[str, ...],
+    count: int | None,
+    seed: int | None,
+    json_file: Path | None,
+) -> None:
+    """Check the presses that a protocol needs against the configuration, without any device.
+
+    Every pose of every press must lie in the envelope. Shows what has to be mounted for how many
+    presses, how long it takes, and how often a hand has to mount another indenter.
+    """
+    settings = read_settings(config)
+    planned = plan_of(presses, settings, draws=draws, count=count, seed=seed)
+    check_plan(planned, settings, geometry_of(settings), turns=make_robot(settings).turns)
+    rows: list[tuple[str, str, str, str]] = []
+    figures: list[tuple[str, str, float, str]] = []
+    total, hands = 0.0, 0
+    for indenter, group in planned.mounts():
+        name, seconds = describe_indenter(indenter), estimate_seconds(group, settings)
+        total += seconds
+        mounted = "mounted" if is_mounted(settings.indenter, indenter) else ""
+        hands += not mounted
+        rows.append((name, f"{len(group):,}", format_duration(seconds), mounted))
+        figures += [("presses", name, len(group), ""), ("time", name, seconds, "s")]
+    print_rows(("indenter", "presses", "time", ""), rows[:MOST_ROWS])
+    if len(rows) > MOST_ROWS:
+        click.echo(f"... and {len(rows) - MOST_ROWS:,} more indenters")
+    time = format_duration(total)
+    click.echo(f"{len(planned):,} presses of {presses}, all inside the envelope; about {time}")
+    if hands:
+        times = f"{hands:,} time{'s' if hands > 1 else ''}"
+        changes, each = format_duration(hands * MOUNT_S), format_duration(MOUNT_S)
+        click.echo(f"a hand mounts an indenter {times}: about {changes} more, {each} each")
+    figures += [("time", "all", total, "s"), ("mounts by hand", "all", hands, "")]
+    write_figures(json_file, figures)
 
 
 @click.command("collect")
@@ -47,7 +124,7 @@ INTERRUPTED = 130
     help="Make all moves so high above the sensor, and keep nothing.",
 )
 @json_option
-def command(
+def collect(
     presses: str,
     out: Path,
     draws: tuple[str, ...],
@@ -69,7 +146,7 @@ def command(
     tactibench hw collect exp1 --config lab.toml --out data/exp1 --draw singles
     tactibench run exp1 --sensor recorded --data data/exp1 --model unet
     """
-    with open_devices(**device) as (settings, emulation):
+    with open_devices(**device) as settings:
         plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
         slow = settings.with_speed_scale(speed_scale)
         if dry_run_height is not None:
@@ -88,41 +165,21 @@ def command(
             line = f"{len(plan):,} presses of {presses}, about {time} of a robot's time"
             click.echo(line, err=True)
         with progress_bar("press", len(plan)) as advance:
-            callbacks = Callbacks(
-                notify=lambda text: click.echo(text, err=True),
-                advance=advance,
-                mount=lambda indenter, needed: _mount(emulation, indenter, needed),
-            )
-
-            def watch_envelope(_: object) -> None:
-                # A stage comes in from its switches first, which lie outside.
-                if emulation is not None:
-                    emulation.keep_to(settings.envelope)
-
-            report = collect(
-                settings,
-                plan,
-                out,
-                callbacks=callbacks,
-                on_station=watch_envelope,
-                speed_scale=speed_scale,
-                emulated=emulation is not None,
+            callbacks = Callbacks(lambda text: click.echo(text, err=True), advance, mount=_mount)
+            report = collect_presses(
+                settings, plan, out, callbacks=callbacks, speed_scale=speed_scale
             )
     figures = [
         ("samples", "ok", report.ok, ""),
         ("samples", "bad", report.bad, ""),
         ("presses", "left", report.left, ""),
-        ("protective_stops", "all", report.stops, ""),
         *(("first_touch", str(k), touch.z0_mm, "mm") for k, touch in enumerate(report.touches)),
     ]
     write_figures(json_file, figures)
     return _print_report(report, out)
 
 
-def _mount(emulation: Emulation | None, indenter: Indenter, count: int) -> bool:
-    if emulation is not None:
-        emulation.mount(indenter)
-        return True
+def _mount(indenter: Indenter, count: int) -> bool:
     if not sys.stdin.isatty():
         return False
     needed = describe_indenter(indenter)

@@ -1,34 +1,52 @@
-"""``tactibench hw live``."""
+"""``tactibench hw live``: a model that watches the camera, its latency, and presses meanwhile."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import Any, Self
 
 import click
 import numpy as np
+import numpy.typing as npt
 
+from tactibench import Contacts, Frame, Model, PlatePose, Pose
 from tactibench.lab import trained_model
-from tactibench_tactip.camera import Camera, Image
+from tactibench.live import (
+    AnswerView,
+    FrameView,
+    PinLines,
+    WatchPage,
+    ask,
+    describe_prediction,
+)
+from tactibench_tactip.camera import Camera, CameraFrame, Image, Reference
 from tactibench_tactip.commands.output import (
     device_options,
     json_option,
     number_option,
     open_devices,
-    picture_option,
     print_rows,
     write_figures,
 )
-from tactibench_tactip.frame_check import Reference
+from tactibench_tactip.plan import is_mounted, plan_of, with_smallest_turn
+from tactibench_tactip.robots import StopNowError, make_robot
+from tactibench_tactip.settings import Settings
+from tactibench_tactip.station import REST_FRAMES, Station
+from tactibench_tactip.touch import find_touch
 
-if TYPE_CHECKING:
-    from tactibench.live import WatchPage
-    from tactibench_tactip.live import LiveReading, PressLoop
-
-REST_FRAMES = 20
+WARM_UP = 20
+"""First turns of the loop, which are not counted."""
+HALF_MM = 12.8
+"""Half the width of the heatmap's grid."""
+END_S = 15.0
+"""Time for a press to come to its end, before the robot is stopped."""
 
 
 @click.command("live")
@@ -56,9 +74,8 @@ REST_FRAMES = 20
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; 0: any free.")
-@picture_option("Write the last picture with a contact.")
 @json_option
-def command(
+def live(
     model: str,
     protocol: str,
     params: tuple[str, ...],
@@ -69,79 +86,168 @@ def command(
     press: bool,
     serve: bool,
     port: int,
-    out: Path | None,
     json_file: Path | None,
     **device: Any,
 ) -> None:
     """Answer frames as they come and show camera, pins, heatmap, contacts and the loop's latency.
 
-    Latency is from a frame's arrival to the list of contacts (scenario `loop`). Without --serve
-    and --out a line in the terminal shows the contacts. The sensor must be untouched at the start.
+    Latency is from a frame's arrival to the list of contacts (scenario `loop`). Without --serve a
+    line in the terminal shows the contacts. The sensor must be untouched at the start.
     """
-    # OpenCV draws the view; the other commands start without it.
-    from tactibench.live import WatchPage
-    from tactibench_tactip.live import HALF_MM, PressLoop, watch
-
     sensor = None if data is None else "recorded"
     network, label = trained_model(
         model, protocol, params=params, data=data, regime=regime, sensor=sensor, untrained=untrained
     )
-    with open_devices(**device) as (settings, _), ExitStack() as stack:
+    with open_devices(**device) as settings, ExitStack() as stack:
         presses: PressLoop | None = None
         if press:
             presses = stack.enter_context(PressLoop(settings))
-            camera = presses.station.camera
-            rest = presses.station.rest_reference().image
+            camera, rest = presses.station.camera, presses.station.rest_reference().image
             presses.begin()
         else:
-            camera = stack.enter_context(Camera(settings.camera))
+            camera = stack.enter_context(make_robot(settings).camera(settings.camera))
             rest = Reference.of(camera.fresh(time.monotonic_ns(), REST_FRAMES)).image
         page = stack.enter_context(WatchPage(label, HALF_MM, port)) if serve else None
-        display = _Display(rest, label, page)
+        if page is not None:
+            click.echo(f"live view: {page.url}", err=True)
+        pins, terminal = PinLines(rest), sys.stderr.isatty()
 
         def show(reading: LiveReading) -> bool:
-            display.show(reading)
+            if page is not None:
+                image = reading.frame.image
+                answer = AnswerView(reading.prediction, reading.latency_ms, reading.maps)
+                page.show(FrameView(image, pins(image), [answer]))
+            elif terminal:
+                line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
+                click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
             return presses is None or not presses.failed
 
         raw_ms, dropped = watch(camera, network, rest, frames, show)
-    display.end(out)
+    if terminal:
+        click.echo(err=True)
     _print_latency(raw_ms, dropped, label, untrained, json_file)
 
 
-class _Display:
-    """The place where turns of the loop are shown: a page, a file, a line of the terminal."""
+@dataclass(frozen=True, eq=False)
+class LiveReading:
+    """One turn of the loop.
 
-    def __init__(self, rest: Image, label: str, page: WatchPage | None) -> None:
-        from tactibench.live import PinLines
+    Attributes:
+        frame: The camera's frame.
+        prediction: Prediction of the model.
+        maps: (C, H, W) maps behind it, or None.
+        latency_ms: Time from the frame's arrival to the prediction.
+    """
 
-        self._pins = PinLines(rest)
-        self._label, self._page = label, page
-        self._last: LiveReading | None = None
-        if page is not None:
-            click.echo(f"live view: {page.url}", err=True)
+    frame: CameraFrame
+    prediction: Contacts | PlatePose | None
+    maps: npt.NDArray[Any] | None
+    latency_ms: float
 
-    def show(self, reading: LiveReading) -> None:
-        if self._last is None or reading.has_contact:
-            self._last = reading
-        if self._page is not None:
-            self._page.show(reading.view(self._pins))
-        elif sys.stderr.isatty():
-            from tactibench.live import describe_prediction
 
-            line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
-            click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
+def watch(
+    camera: Camera, model: Model, rest: Image, turns: int, show: Callable[[LiveReading], bool]
+) -> tuple[list[float], float]:
+    """Let a model read the newest frame, again and again; the first turns are not counted.
 
-    def end(self, out: Path | None) -> None:
-        if sys.stderr.isatty():
-            click.echo(err=True)
-        if out is not None and self._last is not None:
-            import cv2
+    Args:
+        camera: An open camera.
+        model: A trained model.
+        rest: (H, W) uint8 image of the undeformed sensor.
+        turns: Number of turns that are counted.
+        show: Called at every turn after its time was taken; False ends the loop.
 
-            from tactibench_tactip.live import Painter
+    Returns:
+        The latency of every turn, ms, without the wait for the frame, and the frames that came
+        while the model was at work, for each frame that it read.
 
-            picture = Painter(self._pins).draw(self._last, self._label)
-            out.write_bytes(cv2.imencode(".png", picture)[1].tobytes())  # imwrite hides errors
-            click.echo(f"picture: {out}")
+    Raises:
+        CameraError: The camera gives no frames.
+    """
+    raw: list[float] = []
+    start = 0
+    since_ns = time.monotonic_ns()
+    for turn in range(WARM_UP + turns):
+        if turn == WARM_UP:
+            start = camera.frames
+        frame = camera.fresh(since_ns, 1)[0]
+        prediction, maps = ask(model, Frame(frame.image, frame.t_ns * 1e-9, Pose(), rest))
+        since_ns = time.monotonic_ns()
+        latency = (since_ns - frame.t_ns) * 1e-6
+        if turn >= WARM_UP:
+            raw.append(latency)
+        if not show(LiveReading(frame, prediction, maps, latency)):
+            break
+    raw = raw or [float("nan")]
+    return raw, max(0, camera.frames - start - len(raw)) / len(raw)
+
+
+class PressLoop:
+    """Presses in a thread while a person watches: the singles of exp1.
+
+    On exit, the error that ended the presses is raised.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.station = Station(settings)
+        self._plan = plan_of("exp1", settings, draws=("singles",), count=100)
+        self._end = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._failure: Exception | None = None
+
+    def __enter__(self) -> Self:
+        self.station.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._end.set()
+        if self._thread is not None:
+            self._thread.join(END_S)
+            if self._thread.is_alive():
+                self.station.stop_now()
+                self._thread.join(END_S)
+        failure = self._failure
+        if error is not None or failure is None:
+            self.station.__exit__(kind, error, trace)
+            return
+        self.station.__exit__(type(failure), failure, failure.__traceback__)
+        raise failure
+
+    @property
+    def failed(self) -> bool:
+        """True once an error ended the presses."""
+        return self._failure is not None
+
+    def begin(self) -> None:
+        """Find first touch and start the presses.
+
+        Raises:
+            UserError: First touch is not found, or a press may not be made.
+        """
+        station = self.station
+        find_touch(station, first=True)
+        station.check_plan(self._plan)
+        self._thread = threading.Thread(target=self._run, name="tactip presses", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        station = self.station
+        for press in self._plan.presses:
+            scene = with_smallest_turn(press.scene)
+            if self._end.is_set() or not is_mounted(station.settings.indenter, scene.indenter):
+                return
+            try:
+                station.press(scene)
+            except StopNowError:
+                return
+            except Exception as error:  # noqa: BLE001 - raised again on exit
+                self._failure = error
+                return
 
 
 def _print_latency(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from tactibench import UserError
 from tactibench.lab import write_json
-from tactibench_tactip.emulators import Emulation, rehearse
 from tactibench_tactip.settings import Settings, read_settings
 
 Verb = Callable[..., Any]
@@ -33,7 +32,9 @@ json_option = click.option(
     help="Write the figures here.",
 )
 emulate_option = click.option(
-    "--emulate", is_flag=True, help="Rehearse on emulators; no device is opened."
+    "--emulate",
+    is_flag=True,
+    help="Rehearse with a simulated robot and camera; no device is opened.",
 )
 
 
@@ -44,68 +45,28 @@ def number_option(
     return click.option(name, type=kind, default=default, show_default=True, help=help_text)
 
 
-def picture_option(help_text: str) -> Decorator:
-    """Return the option ``--out``, which names a PNG file to draw; no work is done for another."""
-    return click.option(
-        "--out",
-        type=click.Path(path_type=Path, dir_okay=False),
-        metavar="FILE.png",
-        callback=_check_picture,
-        help=help_text,
-    )
-
-
-def _check_picture(_: click.Context, __: click.Parameter, out: Path | None) -> Path | None:
-    if out is not None and out.suffix.lower() != ".png":
-        raise UserError(
-            f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
-        )
-    if out is not None and not out.parent.is_dir():
-        raise UserError(f"the folder {out.parent} of the picture is not there; make it first.")
-    return out
-
-
-time_scale_option = number_option(
-    "--time-scale", click.FloatRange(1, 1000), 1.0, "How much faster than real the emulators run."
-)
-
-
 def device_options(verb: Verb) -> Verb:
     """Add the options that choose the devices; the verb hands them to ``open_devices``."""
-    return config_option(emulate_option(time_scale_option(verb)))
+    return config_option(emulate_option(verb))
 
 
 @contextmanager
-def open_devices(
-    config: Path, emulate: bool, time_scale: float, **plan: Any
-) -> Iterator[tuple[Settings, Emulation | None]]:
-    """Yield the settings to use, and the emulation if there is one.
+def open_devices(config: Path, emulate: bool) -> Iterator[Settings]:
+    """Yield the settings to use, and print the notes of an error.
 
     Args:
         config: Configuration file.
-        emulate: Whether to run emulators of all that it names.
-        time_scale: How many times faster than real they run.
-        plan: Further arguments of ``rehearse``.
+        emulate: Whether to take a simulated robot and camera.
 
     Raises:
-        UserError: The configuration has a mistake, or an emulator cannot start.
+        UserError: The configuration has a mistake.
     """
     settings = read_settings(config)
-    with ExitStack() as stack:
-        stack.enter_context(print_notes())
-        if not emulate:
-            yield settings, None
-            return
-        click.echo(f"emulated, {time_scale:g} times as fast as real; no device is opened", err=True)
-        rehearsal = stack.enter_context(rehearse(settings, time_scale=time_scale, **plan))
-        yield rehearsal.settings, rehearsal.emulation
-
-
-@contextmanager
-def print_notes() -> Iterator[None]:
-    """Print the notes of an error, of which only one sentence would be shown otherwise."""
+    if emulate:
+        click.echo("rehearsed with a simulated robot and camera; no device is opened", err=True)
+        settings = settings.rehearsal()
     try:
-        yield
+        yield settings
     except (UserError, OSError, KeyboardInterrupt) as error:
         for note in getattr(error, "__notes__", ()):
             click.echo(note, err=True)

@@ -1,4 +1,6 @@
-"""A press on the dome as a pose of the tool, and back.
+"""Poses, and a press on the dome as a pose of the tool, and back.
+
+A pose is (x, y, z, alpha, beta, gamma), mm and deg, extrinsic sxyz, or a 4 x 4 matrix.
 
 Frames, all right-handed, mm. S, the sensor: origin at the undeformed apex, x right and y down in
 the image, z out of the dome. T, the indenter: z towards the sensor, origin at the foremost point of
@@ -32,13 +34,130 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from tactibench import Pose, Scene
 from tactibench.geometry import tip_positions
-from tactibench_tactip.poses import Array, about_z, inverse, matrix, pose_of
-from tactibench_tactip.settings import FrameSettings, Pose6, Settings
+from tactibench_tactip.settings import EnvelopeSettings, FrameSettings, Pose6, Settings
+
+Array = npt.NDArray[np.float64]
+
+ROUNDING_MM, ROUNDING_DEG = 1e-6, 1e-3
+"""Distance and angle by which rounding may take a pose of a plan out of the envelope."""
+NEAR_MM = 1.0
+"""Distance before first touch at which the slow descent begins."""
+
+
+def matrix(pose: Pose6) -> Array:
+    """Return the (4, 4) transform of a pose: R = Rz(gamma) Ry(beta) Rx(alpha)."""
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_euler("xyz", pose[3:], degrees=True).as_matrix()
+    transform[:3, 3] = pose[:3]
+    return transform
+
+
+def pose_of(transform: Array) -> Pose6:
+    """Return the pose of a (4, 4) rigid transform, alpha and gamma in -180..180, beta in -90..90.
+
+    At beta = +-90 alpha and gamma turn about the same line: alpha is the whole turn, gamma is 0.
+    """
+    m = transform.tolist()
+    level = math.hypot(m[0][0], m[1][0])
+    beta = math.atan2(-m[2][0], level)
+    if level > 1e-9:
+        alpha, gamma = math.atan2(m[2][1], m[2][2]), math.atan2(m[1][0], m[0][0])
+    else:
+        alpha, gamma = math.atan2(-m[1][2], m[1][1]), 0.0
+    angles = (math.degrees(alpha), math.degrees(beta), math.degrees(gamma))
+    return m[0][3], m[1][3], m[2][3], *angles
+
+
+def inverse(transform: Array) -> Array:
+    """Return the inverse of a (4, 4) rigid transform."""
+    result = np.eye(4)
+    result[:3, :3] = transform[:3, :3].T
+    result[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return result
+
+
+def about_z(degrees: float) -> Array:
+    """Return the (4, 4) turn about z."""
+    return matrix((0.0, 0.0, 0.0, 0.0, 0.0, degrees))
+
+
+def to_ur(pose: Pose6) -> list[float]:
+    """Return a pose in the form of a UR controller: x, y, z, m, and a rotation vector, rad."""
+    turn = Rotation.from_matrix(matrix(pose)[:3, :3]).as_rotvec()
+    return [*(0.001 * value for value in pose[:3]), *turn.tolist()]
+
+
+def from_ur(pose: list[float]) -> Pose6:
+    """Return the pose of a UR controller's numbers: x, y, z, m, and a rotation vector, rad."""
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_rotvec(pose[3:]).as_matrix()
+    transform[:3, 3] = 1000.0 * np.asarray(pose[:3])
+    return pose_of(transform)
+
+
+def angle_between(a: Pose6, b: Pose6) -> float:
+    """Return the angle between two orientations, deg.
+
+    From |R1 - R2| = 2 sqrt(2) sin(angle / 2), which is exact also for small angles.
+    """
+    if a[3:] == b[3:]:
+        return 0.0
+    difference = float(np.linalg.norm(matrix(a)[:3, :3] - matrix(b)[:3, :3]))
+    return math.degrees(2.0 * math.asin(min(1.0, difference / (2.0 * math.sqrt(2.0)))))
+
+
+def distance_between(a: Pose6, b: Pose6) -> float:
+    """Return the distance between two positions, mm."""
+    return math.dist(a[:3], b[:3])
+
+
+def envelope_violation(limits: EnvelopeSettings, pose: Pose6) -> str:
+    """Return a clause about how a pose in the work frame leaves the envelope, "" inside it.
+
+    Comparisons are written so that NaN fails them. A software limit is no safety function: it
+    catches mistakes of a configuration, not of a controller.
+    """
+    x, y, z, _, _, gamma = pose
+    for name, value in (("x", x), ("y", y)):
+        if not abs(value) <= limits.half_width_mm + ROUNDING_MM:
+            return (
+                f"{name} {value:.2f} mm of the work frame, where envelope.half_width_mm allows "
+                f"{limits.half_width_mm:g} mm"
+            )
+    if not -limits.above_mm - ROUNDING_MM <= z:
+        return f"z {z:.2f} mm, where envelope.above_mm allows {-limits.above_mm:g} mm"
+    if not z <= limits.below_mm + ROUNDING_MM:
+        return f"z {z:.2f} mm, where envelope.below_mm allows {limits.below_mm:g} mm"
+    if not abs(gamma) <= limits.yaw_deg + ROUNDING_DEG:
+        return f"a yaw of {gamma:.1f} deg, where envelope.yaw_deg allows {limits.yaw_deg:g} deg"
+    # max first: it turns a NaN into -1, a tilt of 180 deg; min first would turn it into no tilt.
+    tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(matrix(pose)[2, 2])))))
+    if not tilt <= limits.tilt_deg + ROUNDING_DEG:
+        return f"a tilt of {tilt:.1f} deg, where envelope.tilt_deg allows {limits.tilt_deg:g} deg"
+    return ""
+
 
 _FLIP = matrix((0.0, 0.0, 0.0, 180.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class PressPath:
+    """The poses of one press in the work frame.
+
+    Attributes:
+        above: Pose at clearance.
+        near: Pose before first touch, where the slow descent begins.
+        down: Pose at the depth of the press.
+    """
+
+    above: Pose6
+    near: Pose6
+    down: Pose6
 
 
 @dataclass(frozen=True)
@@ -49,11 +168,35 @@ class PressGeometry:
         frames: The part that moves, and the place of the sensor.
         dome_radius: Radius of the dome, mm; inf: a flat pad.
         z0: Place of first touch along the work frame's z, mm.
+        clearance: Distance before first touch at which all sideways motion is made, mm.
+        longest: Distance by which the longest tip of the mounted indenter reaches ahead, mm.
     """
 
     frames: FrameSettings
     dome_radius: float = 20.0
     z0: float = 0.0
+    clearance: float = 10.0
+    longest: float = 0.0
+
+    @property
+    def clear_height(self) -> float:
+        """Height (z of the work frame, mm) at which the mounted indenter is clear of the apex."""
+        return self.z0 - self.longest - self.clearance
+
+    def clear_depth(self, scene: Scene) -> float:
+        """Return the negative depth at which the whole indenter is at clearance over the apex."""
+        if scene.indenter.is_plate:
+            return -self.clearance
+        longest = max(offset[2] for offset in scene.indenter.offsets)
+        return touch_height(scene, self.dome_radius) - longest - self.clearance
+
+    def path(self, scene: Scene) -> PressPath:
+        """Return the path of a press: it moves sideways only above, at one height everywhere."""
+        return PressPath(
+            self.at_depth(scene, self.clear_depth(scene)),
+            self.at_depth(scene, min(-NEAR_MM, scene.pose.depth)),
+            self.tool_pose(scene),
+        )
 
     def with_z0(self, z0: float) -> PressGeometry:
         """Return the same geometry with another place of first touch, mm."""
@@ -96,7 +239,13 @@ class PressGeometry:
 
 def geometry_of(settings: Settings) -> PressGeometry:
     """Return the geometry of a setup before first touch was searched."""
-    return PressGeometry(settings.frames, settings.sensor.dome_radius_mm, settings.contact.fixed_mm)
+    return PressGeometry(
+        settings.frames,
+        settings.sensor.dome_radius_mm,
+        settings.contact.fixed_mm,
+        settings.envelope.clearance_mm,
+        max(offset[2] for offset in settings.indenter.indenter().offsets),
+    )
 
 
 def touch_height(scene: Scene, dome_radius: float) -> float:

@@ -6,29 +6,39 @@ CB3), and a blocking ``moveL`` beside a watchdog kick loses the handshake that e
 
 from __future__ import annotations
 
+import json
 import re
+import secrets
 import socket
+import subprocess
+import sys
+import tempfile
+import threading
 import time
+from importlib.util import find_spec
+from multiprocessing.connection import Connection, Listener
+from typing import Any
 
 from tactibench import UserError
-from tactibench_tactip.errors import ProtectiveStopError, RobotError
-from tactibench_tactip.poses import angle_between, distance_between, from_ur, to_ur
-from tactibench_tactip.robots.base import RecoverableRobot, Robot, RobotState
-from tactibench_tactip.robots.ur_link import UrLink
+from tactibench_tactip.geometry import angle_between, distance_between, from_ur, to_ur
+from tactibench_tactip.robots import (
+    ProtectiveStopError,
+    Robot,
+    RobotError,
+    RobotLostError,
+    RobotState,
+    missing_package,
+)
 from tactibench_tactip.settings import Pose6, Settings
 
 GRACE_S = 1.5
-"""Host seconds after which a move counts as ended, where the arm stands short of its target and the
+"""Time after which a move counts as ended, where the arm stands short of its target and the
 controller reports no move."""
 NEAR_MM, NEAR_DEG = 0.05, 0.1
 """Distance and angle within which two poses are the same."""
 TCP_MM, TCP_DEG = 0.5, 0.5
 """Difference that the pendant's TCP may have from the configuration's: a TCP is taught as exactly
 as this."""
-RECOVERY_S = 15.0
-RELOAD_S = 2.0
-UNLOCK_AFTER_S = 5.0
-"""The controller refuses to unlock a protective stop within 5 s of it."""
 PORT = 29999
 ANSWER_S = 2.5
 RUNNING = 7
@@ -58,9 +68,204 @@ MODES = {
     RUNNING: "running",
 }
 _VERSION = re.compile(r"(\d+)\.(\d+)")
+STARTED_S = 10.0
+END_S = 3.0
+ORDER_S = 8.0
+"""Longest wait for the answer of the process to an order."""
+STALE_S, MOST_STALE_S = 0.5, 1.0
+"""Least and greatest time for which facts hold, and for which new facts are then awaited. In
+between it is a period of the watchdog. The greatest is less than the time after which a move is
+given up for another reason."""
 
 
-class UrRobot(Robot, RecoverableRobot):
+class UrLink:
+    """A connection that starts the process, and keeps the facts that it sends at 125 Hz.
+
+    The arm has neither watchdog nor TCP until it is asked to ``prepare``.
+
+    Args:
+        host: Address of the controller.
+        tcp: TCP to set, m and a rotation vector, rad.
+        watchdog_hz: Rate of the watchdog.
+        seconds: Time within which the arm must answer.
+
+    Attributes:
+        tcp_before: The controller's own TCP, m and a rotation vector, rad.
+
+    Raises:
+        RobotError: The process does not start, or the arm does not answer in time.
+        UserError: The package ur_rtde is missing, or the arm refuses the connection.
+    """
+
+    def __init__(self, host: str, tcp: list[float], watchdog_hz: float, seconds: float) -> None:
+        if find_spec("rtde_control") is None:
+            raise missing_package(
+                "ur_rtde", "ur", " (it has no wheel for Python 3.13: take Python 3.11 or 3.12)"
+            )
+        self._host = host
+        self._news = threading.Condition()
+        self._facts: dict[str, Any] = {}
+        self._answers: dict[int, dict[str, Any]] = {}
+        self._orders = 0
+        self._stale_s = min(MOST_STALE_S, max(STALE_S, 1.0 / watchdog_hz))
+        self._after = 0
+        self._changed_at, self._stamp = 0.0, -1.0
+        self._ended, self._last = False, ""
+        self._link = self._start()
+        first = {"host": host, "tcp": tcp, "watchdog_hz": watchdog_hz}
+        try:
+            self._link.send_bytes(json.dumps(first).encode())
+            if not self._link.poll(seconds):
+                raise RobotError(
+                    f"the UR at {host} did not answer within {seconds:g} s; check that it is "
+                    "switched on and that nothing else controls it."
+                )
+            reply = self._receive()
+        except (EOFError, OSError):
+            reply = {"failed": "the process that talks to it ended"}
+        except BaseException:
+            self.close()
+            raise
+        if "failed" in reply:
+            self.close()
+            raise UserError(
+                f"the UR at {host} refuses the connection ({reply['failed']}); where a fieldbus "
+                "uses its registers switch that off, and end other programs that control the arm."
+            )
+        self.tcp_before: list[float] = reply["tcp"]
+        threading.Thread(target=self._listen, name="tactip ur", daemon=True).start()
+
+    def ask(self, what: str, *given: Any) -> str:
+        """Have the process call a method of ``Arm``; return what went wrong, or "".
+
+        Args:
+            what: Name of the method.
+            given: Its arguments.
+
+        Raises:
+            RobotLostError: The process ended, or does not answer in time.
+        """
+        with self._news:
+            self._orders += 1
+            number = self._orders
+        try:
+            message = {"do": what, "with": given, "number": number}
+            self._link.send_bytes(json.dumps(message).encode())
+        except OSError:
+            raise RobotLostError(self._lost()) from None
+        end = time.monotonic() + ORDER_S
+        with self._news:
+            while number not in self._answers:
+                left = end - time.monotonic()
+                if self._ended or left <= 0:
+                    raise RobotLostError(self._lost())
+                self._news.wait(left)
+            answer = self._answers.pop(number)
+            self._after = answer["facts"]
+        return str(answer["answer"])
+
+    def facts(self) -> dict[str, Any]:
+        """Return the latest facts, which are newer than the last answer.
+
+        Raises:
+            RobotLostError: No new facts come, or the connection to the controller is lost.
+        """
+        end = time.monotonic() + self._stale_s
+        with self._news:
+            while not self._fresh():
+                left = end - time.monotonic()
+                if self._ended or left <= 0:
+                    raise RobotLostError(self._lost())
+                self._news.wait(left)
+            if self._ended or not self._facts["linked"]:
+                raise RobotLostError(self._lost())
+            return self._facts
+
+    def _fresh(self) -> bool:
+        """Return whether the facts are newer than the last answer, and not too old."""
+        newer = bool(self._facts) and self._facts["number"] > self._after
+        return newer and time.monotonic() - self._changed_at <= self._stale_s
+
+    def close(self) -> None:
+        """End the process, which stops the arm.
+
+        A process that hangs is killed; the controller's watchdog then stops the arm.
+        """
+        if self._link is not None:
+            self._link.close()
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(END_S)
+        self._last = self._last_word()
+        self._stderr.close()
+
+    def _start(self) -> Connection:
+        key = secrets.token_hex(16).encode()
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process lives
+        with Listener(("127.0.0.1", 0), authkey=key) as listener:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tactibench_tactip.ur_worker", str(listener.address[1])],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=self._stderr,
+                # Ctrl-C is for this process, which stops the arm in order. A session of its own
+                # would do, too, but the kernel shares the processor between sessions, and starves
+                # it under load.
+                process_group=0,
+            )
+            assert self._process.stdin is not None  # noqa: S101
+            self._process.stdin.write(key + b"\n")
+            self._process.stdin.close()
+            accepted: list[Connection] = []
+            waiter = threading.Thread(
+                target=lambda: accepted.append(listener.accept()), daemon=True
+            )
+            waiter.start()
+            waiter.join(STARTED_S)
+        if not accepted:
+            self._process.kill()
+            raise RobotError("the process that talks to the UR did not start.")
+        return accepted[0]
+
+    def _receive(self) -> dict[str, Any]:
+        message: dict[str, Any] = json.loads(self._link.recv_bytes())
+        return message
+
+    def _listen(self) -> None:
+        try:
+            while True:
+                message = self._receive()
+                with self._news:
+                    if "to" in message:
+                        self._answers[message["to"]] = message
+                    else:
+                        if message["time"] != self._stamp:
+                            self._stamp, self._changed_at = message["time"], time.monotonic()
+                        self._facts = message
+                    self._news.notify_all()
+        except (EOFError, OSError, ValueError, TypeError):
+            with self._news:
+                self._ended = True
+                self._news.notify_all()
+
+    def _lost(self) -> str:
+        return (
+            f"the controller at {self._host} sends nothing any more ({self._last_word()}); check "
+            "the network cable. Its watchdog stops the arm."
+        )
+
+    def _last_word(self) -> str:
+        """Return the last line that the process of the arm wrote to stderr."""
+        if self._stderr.closed:
+            return self._last
+        self._stderr.seek(0)
+        lines = self._stderr.read().decode("utf-8", "replace").splitlines()
+        return next((line.strip() for line in reversed(lines) if line.strip()), "no word")
+
+
+class UrRobot(Robot):
     """A UR arm; the base frame is the controller's, the TCP that of the configuration."""
 
     turns = True
@@ -155,27 +360,6 @@ class UrRobot(Robot, RecoverableRobot):
             facts["time"],
         )
 
-    def recover(self) -> None:
-        """Release a protective stop: wait, unlock, load the program again.
-
-        Raises:
-            RobotError: The stop is of another kind, or the controller refuses.
-        """
-        assert self._dashboard is not None, "connected"  # noqa: S101
-        facts = self._link.facts()
-        if not is_protective_stop(facts["bits"]):
-            description = describe_safety(facts["bits"], facts["mode"])
-            raise RobotError(f"only a protective stop is released; the UR says: {description}.")
-        time.sleep(UNLOCK_AFTER_S / self._settings.time_scale)
-        end = time.monotonic() + RECOVERY_S
-        self._dashboard.unlock(end, 1.0 / self._settings.time_scale)
-        while not is_normal(self._link.facts()["bits"]):
-            if time.monotonic() > end:
-                raise RobotError("the protective stop was not released; do it on the pendant.")
-            time.sleep(0.01)
-        self._check(self._link.ask("reload", RELOAD_S, wait_s=RECOVERY_S))
-        self._target = None
-
     def close(self) -> None:
         """Let go of the arm, which stops."""
         self._closed = True
@@ -267,28 +451,6 @@ class Dashboard:
                 f"the UR is in robot mode {mode}; switch it on and release the brakes on the "
                 "pendant."
             )
-
-    def unlock(self, end: float, pause_s: float) -> None:
-        """Try to release a protective stop, again and again; the controller refuses at first.
-
-        Args:
-            end: ``time.monotonic`` up to which it is tried.
-            pause_s: Host seconds between two attempts.
-
-        Raises:
-            RobotError: The stop was not released, or the dashboard does not answer.
-        """
-        self.ask("close safety popup")
-        while True:
-            answer = self.ask("unlock protective stop")
-            if "releasing" in answer.lower():
-                return
-            if time.monotonic() > end:
-                raise RobotError(
-                    f"the UR does not release its protective stop ({answer}); look at the arm and "
-                    "do it on the pendant."
-                )
-            time.sleep(pause_s)
 
     def close(self) -> None:
         """Close the connection."""

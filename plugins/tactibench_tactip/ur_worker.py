@@ -3,10 +3,11 @@
 ``ur_rtde`` keeps Python's lock while it waits, in its constructors without end and in a move for up
 to 300 s; in a process of its own it can block nothing but itself. This process carries out the
 orders that come over a local connection, kicks the watchdog, and sends the controller's state at
-every turn. When the connection ends, for whatever reason, it stops the arm and ends. Poses are here
-as the controller has them, m and a rotation vector, rad.
+every turn. When the connection ends, for whatever reason, it stops the arm and ends. It imports
+little, so that it starts at once. Poses are here as the controller has them, m and a rotation
+vector, rad.
 
-    python -m tactibench_tactip.robots.ur_worker PORT < key
+    python -m tactibench_tactip.ur_worker PORT < key
 """
 
 from __future__ import annotations
@@ -84,17 +85,6 @@ class Arm:
         if self._control.isProgramRunning():  # otherwise it stands, and no answer would come
             self._control.stopL(STOP_M_S2, True)
         return ""
-
-    def reload(self, seconds: float) -> str:
-        """Load the control program again, wait ``seconds`` at most until it runs, and prepare."""
-        if not self._control.reuploadScript():
-            return "the control program could not be loaded again"
-        end = time.monotonic() + seconds
-        while not self._control.isProgramRunning():
-            if time.monotonic() > end:
-                return "the control program did not start again"
-            time.sleep(0.01)
-        return self.prepare()
 
     def kick(self) -> None:
         """Keep the watchdog quiet."""

@@ -1,0 +1,213 @@
+"""``tactibench hw doctor``, ``hw jog`` and ``hw example``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from importlib.resources import files
+from typing import Any
+
+import click
+
+from tactibench import UserError
+from tactibench_tactip.camera import Reference
+from tactibench_tactip.collection import warm_up
+from tactibench_tactip.commands.output import (
+    device_options,
+    number_option,
+    open_devices,
+    print_rows,
+)
+from tactibench_tactip.geometry import envelope_violation, geometry_of
+from tactibench_tactip.motion import SLACK_MM, Mover, RobotThread
+from tactibench_tactip.robots import NotHomedError, Robot, make_robot
+from tactibench_tactip.settings import Pose6, Settings
+
+FAILED = 1
+LOOK_S, MOVE_S = 10.0, 120.0
+RATE_FRAMES = 30
+"""Frames over which the camera's rate is measured."""
+Row = tuple[str, str, str]
+"""Mark, part of the setup, finding."""
+
+
+@click.command("example")
+def example() -> None:
+    """Print a commented configuration, for a file that the other commands read."""
+    click.echo(files("tactibench_tactip").joinpath("example.toml").read_text("utf-8"), nl=False)
+
+
+@click.command("doctor")
+@device_options
+def doctor(**device: Any) -> int:
+    """Say what of a setup is reachable and what is not as the configuration says; nothing moves.
+
+    A stage that is not homed yet is no mistake where robot.home = true; where its tool stands is
+    then not known.
+    """
+    with open_devices(**device) as settings:
+        rows = [*check_setup(settings)]
+    print_rows(("", "", "found"), rows)
+    wrong = sum(mark == "WRONG" for mark, _, _ in rows)
+    click.echo(f"{wrong} of {len(rows)} wrong" if wrong else "all as the configuration says")
+    return FAILED if wrong else 0
+
+
+def check_setup(settings: Settings) -> Iterator[Row]:
+    """Yield what is found of camera and robot, each up to its first mistake."""
+    for part, look in (("camera", _look_at_camera), ("robot", _look_at_robot)):
+        try:
+            for name, text in look(settings):
+                yield "ok", name, text
+        except (UserError, OSError) as error:
+            yield "WRONG", part, str(error)
+
+
+def _look_at_camera(settings: Settings) -> Iterator[tuple[str, str]]:
+    with make_robot(settings).camera(settings.camera) as camera:
+        frames = camera.fresh(time.monotonic_ns(), 20)
+        actual = camera.read_back
+        assert actual is not None, "open"  # noqa: S101
+        height, width = frames[0].image.shape
+        size = f"{actual.width} x {actual.height} px {actual.fourcc}, kept {width} x {height}"
+        yield "camera", f"{settings.camera.source}: {actual.backend}, {size}"
+        automatic = f"automatic {actual.auto_exposure:g}, gain {actual.gain:g}"
+        yield "exposure", f"{actual.exposure:g}, {automatic}"
+        warm_up(camera, settings)
+        # Not before: the first frames of a stream wait in its buffer and come all at once.
+        begin, before = time.monotonic(), camera.frames
+        camera.fresh(time.monotonic_ns(), RATE_FRAMES)
+        rate = (camera.frames - before) / (time.monotonic() - begin)
+        yield "frames", f"{rate:.1f} a second"
+        rest = Reference.of(frames)
+        yield "brightness", f"{rest.brightness:.1f} grey levels, steady; noise {rest.between:.2f}"
+        if rest.pins_differ(settings.sensor):
+            raise UserError(
+                f"{rest.pins} pins are seen, sensor.pins says {settings.sensor.pins}; draw the "
+                "tool away, look at light, focus and camera.crop, or correct sensor.pins."
+            )
+        uncounted = "" if settings.sensor.pins else ", which are not counted: set sensor.pins"
+        yield "pins", f"{rest.pins}{uncounted}"
+
+
+def _look_at_robot(settings: Settings) -> Iterator[tuple[str, str]]:
+    still = settings.with_changes(robot={"home": False})  # connecting must not move it
+    robot = make_robot(still)
+    with ExitStack() as stack:
+        try:
+            thread = stack.enter_context(RobotThread(robot, still))
+        except NotHomedError:
+            if not settings.robot.home:
+                raise
+            yield "robot", _describe(robot)
+            yield "homed", "not yet; each command that moves it homes it first (robot.home = true)"
+            return
+        yield "robot", _describe(robot)
+        state = thread.do(lambda mover: mover.state(), LOOK_S)
+        if not state.normal:
+            raise UserError(f"{state.description}; clear that first.")
+        force = "not measured" if state.force_n is None else "measured"
+        yield "state", f"{state.description}; force {force}"
+        pose = thread.do(lambda mover: mover.pose(), LOOK_S)
+        violation = envelope_violation(settings.envelope, pose)
+        if violation:
+            raise UserError(
+                f"the tool stands at {violation}; drive it into the envelope above the sensor, "
+                "with the pendant or `tactibench hw jog`."
+            )
+        x, y, z = pose[:3]
+        yield "tool", f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm of the work frame, inside the envelope"
+
+
+def _describe(robot: Robot) -> str:
+    return ", ".join(f"{key} {value}" for key, value in robot.describe().items())
+
+
+@click.command("jog")
+@device_options
+@click.option(
+    "--by",
+    nargs=3,
+    type=float,
+    metavar="DX DY DZ",
+    help="Move by so much, mm of the work frame; a positive DZ is towards the sensor.",
+)
+@click.option("--to", "target", nargs=3, type=float, metavar="X Y Z", help="Move there.")
+@number_option("--speed", click.FloatRange(0.1, 20), 5.0, "mm/s.")
+@click.option("--home", is_flag=True, help="Drive a stage to its switches, and nothing else.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def jog(
+    by: tuple[float, float, float] | None,
+    target: tuple[float, float, float] | None,
+    speed: float,
+    home: bool,
+    yes: bool,
+    **device: Any,
+) -> None:
+    """Move the tool straight, inside the envelope, and say where it is.
+
+    Without --by, --to and --home nothing moves. A tool outside the envelope may be moved into it.
+    Sideways it moves only at clearance above the sensor. A robot that measures force stops at
+    envelope.max_force_n. With robot.home = true a stage that is not homed is homed before it moves.
+    """
+    if by is not None and target is not None:
+        raise UserError("give --by or --to, not both.")
+    with open_devices(**device) as settings:
+        if home and settings.robot.driver != "grbl":
+            raise UserError("--home is for a stage; a UR knows where it is.")
+        moves = by is not None or target is not None
+        # Connecting alone homes a stage: where nothing is to move, that must not happen either.
+        homes = home or (moves and settings.robot.home)
+        settings = settings.with_changes(robot={"home": homes})
+        if (moves or home) and not yes and not settings.simulated:
+            if settings.robot.homes:
+                click.echo("A stage that is not homed drives to its switches first.", err=True)
+            click.confirm("Is the way clear, and the emergency stop in reach", abort=True, err=True)
+        robot = make_robot(settings)
+        with RobotThread(robot, settings) as thread:
+            start = thread.do(lambda mover: mover.pose(), LOOK_S)
+            _print_pose(start)
+            if not moves:
+                return
+            x, y, z = target or tuple(a + b for a, b in zip(start[:3], by or (), strict=True))
+            end: Pose6 = (x, y, z, *start[3:])
+            check_way(start, end, settings)
+
+            def go(mover: Mover) -> Pose6:
+                mover.go(end, speed, mover.force_guard())
+                return mover.pose()
+
+            _print_pose(thread.do(go, MOVE_S))
+
+
+def check_way(here: Pose6, there: Pose6, settings: Settings) -> None:
+    """Raise UserError where a straight move must not be made; nothing has moved then.
+
+    The envelope is a box: where both ends lie inside, the whole way does. From outside it a move
+    may come in straight up or down, or at clearance, where nothing is in the way.
+
+    Args:
+        here: Present pose of the tool in the work frame.
+        there: Pose to move to.
+        settings: Configuration of the setup.
+    """
+    violation = envelope_violation(settings.envelope, there)
+    if violation:
+        raise UserError(f"the tool would be at {violation}; nothing was moved.")
+    sideways = max(abs(a - b) for a, b in zip(here[:2], there[:2], strict=True))
+    high, lowest = geometry_of(settings).clear_height, max(here[2], there[2])
+    if not (sideways <= SLACK_MM or lowest <= high + SLACK_MM):
+        raise UserError(
+            f"the tool would move sideways at z {lowest:.1f} mm, where it may touch the sensor; "
+            f"move it straight up to z {high:.1f} mm first (--by 0 0 -N), then sideways, then "
+            "down. Nothing was moved."
+        )
+
+
+def _print_pose(pose: Pose6) -> None:
+    x, y, z, a, b, c = pose
+    click.echo(
+        f"tool at x {x:.3f}, y {y:.3f}, z {z:.3f} mm, turned by {a:.2f}, {b:.2f}, {c:.2f} deg, in "
+        "the work frame"
+    )

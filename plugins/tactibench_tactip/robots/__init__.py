@@ -1,1 +1,0 @@
-"""Drivers of robots behind one interface: UR arms, stages with GRBL, robots of cri."""
