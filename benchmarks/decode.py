@@ -110,7 +110,8 @@ def best_seconds(work: Callable[[], object], clock: Callable[[], float], rounds:
 def timed(name: str, decode: Callable[[np.ndarray], Contacts], maps: np.ndarray) -> float:
     """Print the times of decoding one map, and return the thread's own time, us."""
     stage = ("decode", lambda one: decode(one[0]))
-    row = time_calls([stage], list(maps[:300]), threads=1, calls=1000).rows("single")[-1]
+    sample = time_calls({name: [stage]}, list(maps[:300]), threads=1, calls=1000)[name]
+    row = sample.rows("single")[-1]
     cpu = best_seconds(lambda: [decode(one) for one in maps[:300]], time.thread_time) / 300
     print(
         f"{name:21s} one map p50 {1e3 * row['p50_ms']:5.0f} us, p90 {1e3 * row['p90_ms']:5.0f} us,"

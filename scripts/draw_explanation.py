@@ -149,7 +149,7 @@ def timed_alike(rows: Iterable[Row]) -> list[Row]:
 
 def _timed_as(row: Row) -> set[tuple[str, str]]:
     """Return the arithmetic and the machine of the times of each seed."""
-    return {(str(record.timed.configuration), machine(record)) for record in row.records}
+    return {(str(record.timed.get("configuration")), machine(record)) for record in row.records}
 
 
 def _plain_log(axes: Axes, rows: Sequence[Row]) -> None:

@@ -15,9 +15,7 @@ from tactibench.training import Examples, MixtureModel, Recipe
 from tactibench_mixture.architecture import CHANNELS, MixtureNetwork
 from tactibench_mixture.displacement import DisplacementField
 
-RECIPE = Recipe(
-    epochs=30, batch=32, learning_rate=2e-3, warmup=0.2, weight_decay=1e-2, precision="float32"
-)
+RECIPE = Recipe(epochs=30, batch=32, learning_rate=2e-3, warmup=0.2, weight_decay=1e-2)
 _FINER = 2
 """Cells of the displacement field along a cell of the mixture."""
 _REACH = 0.75

@@ -141,8 +141,6 @@ class Kernel(Model):
             answers += value
         return answers
 
-    timed_as = "float64"
-
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """Return the phases of ``predict``: pins, regression, answers."""
         return [

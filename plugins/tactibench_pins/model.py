@@ -43,7 +43,6 @@ RECIPE = Recipe(
     learning_rate=3e-3,
     warmup=0.2,
     weight_decay=1e-2,
-    precision="float32",
 )
 CHANNELS = replace(RECIPE, epochs=33)
 """Fewer epochs for channels: with the moved presses an epoch has nine times as many frames."""
@@ -84,7 +83,6 @@ class Pins(LearnedModel):
         recipe = TRANSFER if context.transfers else RECIPE
         super().__init__(context, recipe.with_choices(epochs, precision), architecture)
         self._recipe_of_channels = CHANNELS.with_choices(epochs, precision)
-        self._timed_as_trained = self.timed_as
         self._reader: Reader | None = None
         self._correction: Correction | None = None
         self._size, self._components = 2, 1
@@ -165,15 +163,12 @@ class Pins(LearnedModel):
             Number of frames and ridge of every target, for the record.
         """
         self._correction = None
-        self.configurations, self.timed_as = type(self).configurations, self._timed_as_trained
         rows = self.usable_rows(truth)
         if not len(rows):
             return {"frames": 0}
         targets = self._scale.apply(answer_vectors(truth, self.context.answer, self.name)[rows])
         features, raw, _ = self._features([frames[row] for row in rows])
         self._correction = Correction.fit(features, targets - raw)
-        # Configurations are ways to compute the network alone, without the correction.
-        self.configurations, self.timed_as = {}, "float32, corrected"
         return {"frames": len(rows), "ridge": list(self._correction.ridges)}
 
     def evaluate(self, frames: Sequence[Frame]) -> npt.NDArray[Any]:

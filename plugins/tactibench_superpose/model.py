@@ -273,8 +273,6 @@ class Superpose(Model):
             ("decode", self._contacts),
         ]
 
-    timed_as = "float64, as it predicts"
-
     def parameter_count(self) -> int:
         """Return the number of learned numbers."""
         learned = self._ready()

@@ -24,9 +24,7 @@ from tactibench_vgnn.architecture import GraphNetwork
 from tactibench_vgnn.features import NO_PIN, neighbour_table, node_features
 from tactibench_vgnn.layout import PinLayout
 
-RECIPE = Recipe(
-    epochs=20, batch=32, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2, precision="float32"
-)
+RECIPE = Recipe(epochs=20, batch=32, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2)
 _THRESHOLD = 0.05
 """Expected number of contacts from which a contact is reported. It is low because between two pins
 each may leave a contact to the other: at 0.5 one press in 130 was missed on the default sensor
@@ -117,9 +115,9 @@ class VGNN(MixtureModel):
         self._sensors = None if rest is None else AlignedSensors(PinTracker(unpack_image(rest)))
         self._use_layout(PinLayout.from_json(extra["layout"]))
 
-    def fold(self, network: nn.Module, precision: str) -> nn.Module:
+    def fold(self, network: nn.Module) -> nn.Module:
         assert isinstance(network, GraphNetwork)  # noqa: S101
-        return super().fold(network.with_fixed_weights(), precision)
+        return network.with_fixed_weights()
 
     def _use_layout(self, layout: PinLayout) -> None:
         self._layout = layout

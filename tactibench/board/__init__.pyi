@@ -62,6 +62,7 @@ from .ranking import ranking_error as ranking_error
 from .ranking import ranks as ranks
 from .ranking import row_difference as row_difference
 from .record_forms import refuse_forms as refuse_forms
+from .request import request_of_record as request_of_record
 from .rows import BELOW_BOUND as BELOW_BOUND
 from .rows import NOT_STATED as NOT_STATED
 from .rows import TRIVIAL as TRIVIAL
@@ -101,11 +102,6 @@ from .submissions import refuse_names as refuse_names
 from .submissions import refuse_twins as refuse_twins
 from .submissions import slot as slot
 from .submissions import text_of as text_of
-from .times import Timekeeper as Timekeeper
-from .times import commit_times as commit_times
-from .times import refuse_noise as refuse_noise
-from .times import store_times as store_times
-from .times import time_models as time_models
 from .trainings import compare_trainings as compare_trainings
 from .truth import Source as Source
 from .truth import TestSet as TestSet

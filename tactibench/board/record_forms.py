@@ -148,7 +148,6 @@ def _refuse_long(record: Record, where: str) -> None:
         ("environment.cpu_flags", facts.cpu_flags, MOST_PARTS),
         ("environment.versions", facts.versions, MOST_PARTS),
         ("identity.versions", record.identity.versions, MOST_PARTS),
-        ("timed.raced", record.timed.raced, MOST_PARTS),
     )
     for name, parts, most in lists:
         if len(parts) > most:
@@ -217,8 +216,6 @@ def _shown(record: Record) -> Iterator[tuple[str, str]]:
     for name in ("gpu", "cpu_flags"):
         yield from ((f"environment.{name}", text) for text in getattr(facts, name))
     yield "training.device", record.training.device or "none"
-    for timed in (record.timed, *record.timed.raced):
-        yield "timed.configuration", timed.configuration or "none"
 
 
 def _labels(record: Record) -> Iterator[tuple[str, str]]:
@@ -359,14 +356,6 @@ def _impossible_times(record: Record) -> Iterator[str]:
             yield f"the {subject} has a negative processor time or load"
         if row.mean_ms < row.p50_ms / 2 * (1 - SLACK):  # half of the calls take p50 or more
             yield f"the {subject} has a mean below half of its median"
-    if record.timed.interleaved is not None and record.timed.interleaved < 1:
-        yield f"timed.interleaved is {record.timed.interleaved}; the model itself counts"
-    for timed in (record.timed, *record.timed.raced):
-        numbers = (timed.p50_ms, timed.difference_mm, timed.frames, timed.frames_with_another_count)
-        if timed.frames_with_another_count > timed.frames or timed.frames > record.data.test:
-            yield "a configuration in 'timed' was compared on more frames than were tested"
-        if any(number is not None and number < 0 for number in numbers):
-            yield "a configuration in 'timed' has a negative time, difference or number of frames"
     efficiency = record.efficiency
     for name in ("parameters", "flops_per_frame", "peak_memory_mb"):
         number = getattr(efficiency, name)

@@ -30,7 +30,6 @@ def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
     tactibench board show exp2               the rows of a board
     tactibench board add 'exp1-unet-*'       runs become rows
     tactibench board check                   the pages are what the records give
-    tactibench board time exp2               time all models in turns, on a quiet machine
     tactibench board verify FILE.json        score a submission again
     """
     if ctx.invoked_subcommand is not None:
@@ -227,74 +226,6 @@ def export(board_folder: Path, json_file: Path | None, csv_file: Path | None) ->
     if csv_file is not None:
         with atomic(csv_file) as stream:
             stream.write(board_csv(rows).encode())
-
-
-@board.command("time", short_help="time the models of all runs in turns, on a quiet machine")
-@click.argument("protocol", type=PROTOCOL)
-@click.option(
-    "--runs",
-    "names",
-    multiple=True,
-    metavar="RUN",
-    help="Time these only, by name or pattern; default: all complete runs of PROTOCOL.",
-)
-@click.option(
-    "--data", type=click.Path(path_type=Path), help="Folder of the recorded frames of the runs."
-)
-@click.option(
-    "--calls",
-    type=click.IntRange(min=10),
-    default=300,
-    show_default=True,
-    help="Timed calls of every model, one frame a call.",
-)
-@click.option("--anyway", is_flag=True, help="Time although other processes compute.")
-@click.option(
-    "--commit", is_flag=True, help="Write the times into the committed records (--board), too."
-)
-@store_option
-@board_option
-@json_option
-def time_board(
-    protocol: str,
-    names: tuple[str, ...],
-    data: Path | None,
-    calls: int,
-    anyway: bool,
-    commit: bool,
-    store: Path,
-    board_folder: Path,
-    json_file: Path | None,
-) -> None:
-    """Time the models of all runs of PROTOCOL in turns, from trained weights, on a quiet machine.
-
-    Nothing is trained. The new times take the place of the old ones in the records of the store. A
-    machine on which others compute is refused. Runs that cannot be timed are named with the reason.
-    """
-    from tactibench.cli.board_time import time_runs
-    from tactibench.protocols import load_protocol
-
-    asked = load_protocol(protocol)
-    runs = [
-        run
-        for run in _complete_runs(store, names or (f"{asked.spec.id}-*",))
-        if run.record.protocol.hash == asked.hash
-    ]
-    if not runs:
-        raise UserError(f"{store} holds no complete run of {asked.spec.id} that is asked for.")
-    timed = time_runs(
-        runs, data=data, calls=calls, anyway=anyway, board=board_folder if commit else None
-    )
-    if commit:
-        _write_pages(board_folder)
-    save_json(
-        json_file,
-        [
-            {"run": run.record.name, **row.json_values()}
-            for run in timed
-            for row in run.record.speed
-        ],
-    )
 
 
 @board.command(short_help="publish the hash of the secret seed of test presses, or the seed")

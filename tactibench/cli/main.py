@@ -39,7 +39,7 @@ VERBS = {
     "report": ("tactibench.cli.report:report", "the boards as one HTML page, offline"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
-    "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
+    "speed": ("tactibench.cli.speed:speed", "time models in turns"),
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
     "weights": ("tactibench.cli.weights:weights", "trained weights as a file: export, import"),
 }

@@ -1,4 +1,4 @@
-"""``tactibench speed``: the ways in which a model can compute, timed against each other."""
+"""``tactibench speed``: models timed in turns, from trained weights."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from tactibench.cli.options import json_option, request_of, request_options, sav
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from tactibench.run import Reporter, RunPlan
+    from collections.abc import Mapping
 
-UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may take another time"
+    from rich.console import Console
+
+    from tactibench.report import Cell
+    from tactibench.run import Speed
 
 
 @click.command()
-@click.argument("model")
+@click.argument("models", metavar="MODEL [MODEL]...", nargs=-1, required=True)
 @click.option("--protocol", default="exp1", show_default=True, help="Whose weights and frames.")
 @request_options(regime="Frames the weights were trained on; default: the protocol's first.")
 @click.option("--train", is_flag=True, help="Train the weights where they are not in the cache.")
-@click.option("--untrained", is_flag=True, help="Time random weights; errors then say nothing.")
-@click.option(
-    "--compile", "compiled", is_flag=True, help="Try torch.compile, too: needs a compiler."
-)
 @click.option(
     "--frames",
     type=click.IntRange(min=1),
@@ -41,94 +40,98 @@ UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may tak
 )
 @json_option
 def speed(
-    model: str,
+    models: tuple[str, ...],
     protocol: str,
     train: bool,
-    untrained: bool,
-    compiled: bool,
     frames: int,
     calls: int,
     json_file: Path | None,
     **options: Any,
 ) -> None:
-    """Time the ways in which MODEL can compute: float32, folded, frozen, bf16, ONNX Runtime.
+    """Time how long each MODEL takes from a frame to its answer.
 
-    All are timed in turns in one run, one frame a call and in batches, and their answers are
-    compared with those in float32. The fastest whose mean error is that of float32 within 2 % is
-    named: runs choose in the same way what they time.
+    One frame a call is timed with one thread and with all, batches of frames with all. Several
+    models are timed in turns in one job, so that their times can be compared.
     """
     from tactibench.cli.output import Terminal
-    from tactibench.frames import true_answers
     from tactibench.plugins import PluginHost
     from tactibench.records import cache_folder
-    from tactibench.report import print_race
     from tactibench.run import (
+        BATCHES,
+        blinded,
         environment_facts,
         make_plan,
-        metric_rows,
+        no_weights,
         open_frames,
-        race,
-        race_steps,
+        time_models,
+        train_model,
     )
 
-    if train and untrained:
-        raise UserError("--train and --untrained exclude each other; leave one of them out.")
-    request = request_of(protocol, model, options, limit=frames)
-    plan = make_plan(request, PluginHost(), cache_folder())
-    terminal = Terminal()
-    timed = _model(plan, terminal, train=train, untrained=untrained)
-    sets = [open_frames(frame_set, terminal) for frame_set in plan.frames.test]
-    seen = [frame for presses in sets for frame in presses.frames]
+    terminal, host = Terminal(), PluginHost()
+    requests = [request_of(protocol, name, options, limit=frames) for name in models]
+    plans = [make_plan(request, host, cache_folder()) for request in requests]
+    for plan in plans:
+        if not (train or plan.weights.cached):
+            raise no_weights(plan, ", or add --train")
+    names = [plan.components.model.label for plan in plans]
+    if len({*names}) < len(names):
+        raise UserError("a model is named twice; name each model once.")
+    trained = {
+        name: train_model(plan, terminal)[0] for name, plan in zip(names, plans, strict=True)
+    }
+    seen = {
+        name: [
+            blinded(frame)
+            for frame_set in plan.frames.test
+            for frame in open_frames(frame_set, terminal).frames
+        ]
+        for name, plan in zip(names, plans, strict=True)
+    }
     facts = environment_facts()
-    chosen = plan.components.model
-    subject = (
-        f"{chosen.label} on {plan.device}, {len(seen)} test frames of {plan.spec.id}; "
-        f"{facts['cpu']}, fingerprint {facts['fingerprint']}"
+    with terminal.task("time", 2 + len(BATCHES)) as advance:
+        speeds = time_models(trained, seen, calls=calls, advance=advance)
+    terminal.out.print(
+        f"{plans[0].spec.id} on {plans[0].device}; {facts['cpu']}, fingerprint "
+        f"{facts['fingerprint']}",
+        soft_wrap=True,
     )
-    note = UNTRAINED if untrained else ""
-    with terminal.task("time", race_steps(timed)) as advance:
-        finished = race(
-            timed,
-            seen,
-            true_answers(plan.spec, sets),
-            calls=calls,
-            compiled=compiled,
-            advance=advance,
+    _print_speeds(terminal.out, speeds)
+    rows = [{"model": name, **row} for name, found in speeds.items() for row in found.rows]
+    save_json(json_file, {"environment": facts, "speed": rows})
+
+
+def _print_speeds(console: Console, speeds: Mapping[str, Speed]) -> None:
+    """Print the times of a frame by model and threads, and the frames per second by batch."""
+    from tactibench.report import Column, Number, fixed, print_table, table
+
+    single: list[list[Cell]] = []
+    offline: list[list[Cell]] = []
+    unsettled = False
+    for name, found in speeds.items():
+        totals = [row for row in found.rows if row["phase"] == "total"]
+        unsettled |= not all(row["settled"] for row in totals)
+        for total in (row for row in totals if row["scenario"] == "single"):
+            phases = [
+                f"{row['phase']} {row['p50_ms']:.2f}"
+                for row in found.rows
+                if (row["scenario"], row["threads"]) == ("single", total["threads"])
+                and row["phase"] != "total"
+            ]
+            times = [total[key] for key in ("p50_ms", "p90_ms", "p99_ms", "cpu_ms")]
+            numbers = [Number(value, fixed(2)) for value in times]
+            single.append([name, str(total["threads"]), *numbers, ", ".join(phases)])
+        rates = [row for row in totals if row["scenario"] == "offline"]
+        offline.append([name, *(Number(row["per_s"], fixed(0)) for row in rates)])
+    columns = map(Column, ("threads", "p50", "p90", "p99", "processor"))
+    print_table(
+        console,
+        table(["model", *columns, "p50 by phase"], single, title="one frame to contacts, ms"),
+    )
+    batches = (Column(str(row["batch"])) for row in rates)
+    print_table(console, table(["model", *batches], offline, title="frames/s by batch"))
+    if unsettled:
+        console.print(
+            "NOT SETTLED: some times still drifted, or something else computed meanwhile",
+            style="yellow",
+            soft_wrap=True,
         )
-    print_race(terminal.out, finished, subject, note)
-    save_json(
-        json_file,
-        {
-            "model": chosen.component.identity,
-            "untrained": untrained,
-            "environment": facts,
-            "default": finished.best.name,
-            "configurations": [
-                {
-                    "name": way.name,
-                    "words": way.description,
-                    **way.difference.as_row(),
-                    "allowed": way.difference.allowed,
-                }
-                for way in finished.configurations.usable
-            ],
-            "skipped": dict(finished.configurations.skipped),
-            "speed": list(finished.rows),
-            "metrics": metric_rows(finished),
-        },
-    )
-
-
-def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
-    """Return the model with the weights that were asked for. Raises UserError without any."""
-    from tactibench.run import no_weights, train_model
-
-    name = plan.components.model.name
-    if untrained:
-        model = plan.components.build_model(plan.context())
-        if not model.configurations:
-            raise UserError(f"model {name!r} has no random weights to time; take --train instead.")
-        return model
-    if not (train or plan.weights.cached):
-        raise no_weights(plan, ", or add --train, or time random weights with --untrained")
-    return train_model(plan, reporter)[0]

@@ -153,15 +153,10 @@ class Model(ABC):
     The benchmark builds it as ``Class(context, **parameters)``, see `ModelContext`.
 
     Attributes:
-        timed_as: Arithmetic of ``stages`` in words, such as "bf16, channels_last".
-        configurations: Ways to compute the answers that are timed against each other, see
-            ``configured``: name -> description, such as "float32, channels_last".
         expected_failed_checks: Property of ``tactibench check`` -> reason why it does not hold.
     """
 
     expected_failed_checks: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    timed_as: str = "as the model predicts"
-    configurations: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod
     def fit(
@@ -185,7 +180,7 @@ class Model(ABC):
 
     @abstractmethod
     def predict(self, frames: Sequence[Frame]) -> Sequence[Answer | None]:
-        """Return one answer a frame, in float32 arithmetic; None: no plate pose could be read."""
+        """Return one answer a frame; None: no plate pose could be read."""
 
     @abstractmethod
     def save(self, directory: Path) -> None:
@@ -227,18 +222,10 @@ class Model(ABC):
     def stages(self) -> Sequence[Stage]:
         """Return the phases of a prediction, to be timed one by one.
 
-        They are applied in order to a list of frames. Their composition is ``predict``, possibly
-        in lower precision. Default: ``predict`` as the only phase.
+        They are applied in order to a list of frames, and together they are ``predict``: what is
+        scored is what is timed. Default: ``predict`` as the only phase.
         """
         return [("predict", self.predict)]
-
-    def configured(self, name: str, frames: Sequence[Frame]) -> Sequence[Stage]:  # noqa: ARG002
-        """Return the stages of one of the ``configurations``.
-
-        They must work for lists of any length of frames like the given ones. Raise UserError with
-        the reason where this machine cannot compute so. Default: there is none.
-        """
-        raise UserError(f"the model has no configuration {name!r}.")
 
     def parameter_count(self) -> int | None:
         """Return the number of trained weights. Default: None, not known."""

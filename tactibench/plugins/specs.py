@@ -175,7 +175,7 @@ def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
         "precision",
         "recipe",
         "training arithmetic, recipe: as the recipe has it",
-        choices=("recipe", "auto", "float32", "bf16"),
+        choices=("recipe", "float32", "bf16"),
     )
     mixed_frames = Parameter(
         "mixing",

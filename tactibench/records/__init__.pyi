@@ -45,7 +45,6 @@ from .record import Record as Record
 from .record import SensorId as SensorId
 from .record import SimulatorError as SimulatorError
 from .record import SpeedRow as SpeedRow
-from .record import Timed as Timed
 from .record import Value as Value
 from .record import check_invariants as check_invariants
 from .record import make_signature as make_signature

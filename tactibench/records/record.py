@@ -383,41 +383,6 @@ class Environment(_Open):
     versions: dict[str, str] = {}
 
 
-class Configuration(_Open):
-    """A way to compute answers.
-
-    Attributes:
-        configuration: The arithmetic, in words.
-        p50_ms: Median time of a frame on one thread, ms.
-        difference_mm: Median distance of its answers from the float32 ones, mm.
-        error_change: Relative change of the error against float32.
-        frames: Number of frames that were compared.
-        frames_with_another_count: Number of frames with another number of contacts than in float32.
-    """
-
-    configuration: str | None = None
-    p50_ms: float | None = None
-    difference_mm: float | None = None
-    error_change: float | None = None
-    frames: int = 0
-    frames_with_another_count: int = 0
-
-
-class Timed(Configuration):
-    """The configuration that was timed, and those that it was chosen from.
-
-    Attributes:
-        raced: Configurations that it was chosen from.
-        interleaved: Number of models that were timed in turns, this one included; None where the
-            model was timed by itself, after its training.
-        at: Time of the timing, where that was not in the run.
-    """
-
-    raced: list[Configuration] = []
-    interleaved: int | None = None
-    at: str | None = None
-
-
 class Efficiency(_Open):
     """The size of a model and the work of one frame.
 
@@ -562,7 +527,12 @@ class _MetricIndex:
 
 
 class Record(_Strict):
-    """The contents of ``record.json``."""
+    """The contents of ``record.json``.
+
+    Attributes:
+        timed: Of a row that was timed in another arithmetic than it was scored in: that arithmetic.
+            Nothing but its ``configuration`` is read.
+    """
 
     schema_: Literal[1] = Field(alias="schema")
     name: str
@@ -579,7 +549,7 @@ class Record(_Strict):
     environment: Environment
     metrics: list[Metric]
     speed: list[SpeedRow]
-    timed: Timed
+    timed: dict[str, Any] = {}
     efficiency: Efficiency = Efficiency()
     training: Training
     data: FrameCounts

@@ -78,7 +78,6 @@ from .progress import INTERVAL_S as INTERVAL_S
 from .progress import ProgressBars as ProgressBars
 from .progress import ProgressLines as ProgressLines
 from .progress import progress_on as progress_on
-from .race_report import print_race as print_race
 from .run_pictures import RunArrays as RunArrays
 from .run_pictures import draw_pictures as draw_pictures
 from .run_pictures import runs_beside as runs_beside
@@ -118,7 +117,4 @@ from .tables import metric_number as metric_number
 from .tables import print_table as print_table
 from .tables import table as table
 from .tables import terminal_text as terminal_text
-from .time_report import disturbance as disturbance
-from .time_report import print_times as print_times
-from .time_report import slowdown as slowdown
 from .verify_report import print_verdict as print_verdict

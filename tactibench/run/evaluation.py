@@ -102,18 +102,11 @@ class Evaluation:
         """Return the true answers, packed, with press and group of every frame."""
         return truth_arrays(self.kind, self.test.truth, self.test.clusters, self.test.groups)
 
-    def time(self, predictions: Predictions) -> Speed:
-        """Return the model's times for the main test frames, and what its speed costs in accuracy.
-
-        Args:
-            predictions: The scored answers, in float32.
-        """
-        count = self.test.main_frames
-        frames, truth = self.test.frames[:count], self.test.truth[:count]
-        answers = predictions.answers(self.kind)[:count]
-        quick = self.plan.request.quick
+    def time(self) -> Speed:
+        """Return the model's times for the main test frames."""
+        frames = self.test.frames[: self.test.main_frames]
         with self.reporter.task("time", 1) as advance:
-            speed = time_model(self.model, frames, answers, truth=truth, quick=quick)
+            speed = time_model(self.model, frames, quick=self.plan.request.quick)
             advance(1)
         return speed
 

@@ -99,7 +99,7 @@ def _answer(
         from tactibench.run.published_predictions import published_arrays
 
         truth |= published_arrays(plan.published, plan.protocol.test_frames, test.names, test.truth)
-    speed = evaluation.time(predictions) if timed else Speed()
+    speed = evaluation.time() if timed else Speed()
     record = _make_record(plan, weights, evaluation, predictions, speed)
     arrays = {
         "truth": truth,
@@ -242,7 +242,6 @@ def _make_record(
         "environment": environment_facts(),
         "metrics": [],
         "speed": speed.rows,
-        "timed": speed.timed,
         "efficiency": {**speed.efficiency, "training_s": report["seconds"]},
         "training": {
             "epochs": report["epochs"],

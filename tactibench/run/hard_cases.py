@@ -62,7 +62,7 @@ class HardCaseEvaluation(Evaluation):
             answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
         return Predictions({**pack(answers, self.kind), **failure_arrays(failures)})
 
-    def time(self, predictions: Predictions) -> Speed:  # noqa: ARG002
+    def time(self) -> Speed:
         """Return no times."""
         return Speed()
 

@@ -28,7 +28,6 @@ from tactibench.records import (
 )
 from tactibench.run.components import Components
 from tactibench.run.reporter import Reporter, open_frames
-from tactibench.training import resolve_precision
 
 if TYPE_CHECKING:
     from tactibench.run.plan import RunPlan
@@ -124,17 +123,9 @@ def plan_weights(
         "frames": training_key,
         "seed": seed,
         "device": device,
-        **_auto_precision(model, device),
         "versions": installed_versions("torch", "numpy"),
     }
     return WeightsEntry(cache / "weights" / digest(identity)[:24], identity)
-
-
-def _auto_precision(model: BoundSpec[ModelSpec], device: str) -> dict[str, str]:
-    """Return what precision "auto" is on this machine; {} where it cannot affect the training."""
-    if model.values.get("precision") not in ("auto", "recipe"):
-        return {}
-    return {"auto_precision": resolve_precision("auto", device)}
 
 
 def _training_code(model: BoundSpec[ModelSpec]) -> str:

@@ -275,7 +275,7 @@ def export_onnx(
         )
     import torch
 
-    inputs, network = model.inputs(frames), model.fold(model.network, "float32").cpu()
+    inputs, network = model.inputs(frames), model.fold(model.network).cpu()
     free, single = len(inputs), 1
     for count in (free, single):  # some graphs hold the number of frames that they were traced with
         try:

@@ -296,7 +296,7 @@ def maps(subject: ModelSubject) -> None:
 
 
 def stages(subject: ModelSubject) -> None:
-    """The timed stages, one after the other, give one allowed answer for every frame."""
+    """The timed stages, one after the other, give the answers of ``predict``."""
     for frames in (subject.test_examples.frames[:1], subject.test_examples.frames[:BATCH]):
         value: object = list(frames)
         for name, stage in subject.trained().stages():
@@ -304,7 +304,8 @@ def stages(subject: ModelSubject) -> None:
                 value = stage(value)
         if not isinstance(value, list):
             raise Failed(f"the last stage gave a {type(value).__name__}, no list")
-        subject.check_answers(value, len(frames))
+        gap = difference(subject.check_answers(value, len(frames)), subject.answers[: len(frames)])
+        require(gap <= CLOSE, f"the answers of the stages differ from predict's by {gap:.3g}")
 
 
 def adapt(subject: ModelSubject) -> None:

@@ -2,9 +2,6 @@
 
 from .averaging import average_weights as average_weights
 from .averaging import measure_statistics as measure_statistics
-from .deploy import UnavailableError as UnavailableError
-from .deploy import onnx_model as onnx_model
-from .deploy import prepare_forward as prepare_forward
 from .examples import Examples as Examples
 from .examples import draw_flips as draw_flips
 from .examples import find_symmetry as find_symmetry
@@ -12,9 +9,11 @@ from .examples import flip_maps as flip_maps
 from .examples import image_tensor as image_tensor
 from .examples import relight as relight
 from .examples import resting_frames as resting_frames
-from .inference import CONFIGURATIONS as CONFIGURATIONS
 from .inference import autocast as autocast
+from .inference import deterministic_kernels as deterministic_kernels
+from .inference import float32_tensors as float32_tensors
 from .inference import fold_batch_norm as fold_batch_norm
+from .inference import onnx_model as onnx_model
 from .learned import LearnedModel as LearnedModel
 from .loop import train as train
 from .mixture import MixtureScale as MixtureScale
@@ -31,8 +30,6 @@ from .mixture_reader import MixtureReader as MixtureReader
 from .mixture_reader import read_mixture as read_mixture
 from .muon import Muon as Muon
 from .muon import orthogonalise as orthogonalise
-from .precision import processor_flags as processor_flags
-from .precision import resolve_precision as resolve_precision
 from .recipe import RECIPES as RECIPES
 from .recipe import Recipe as Recipe
 from .recipe import Seeds as Seeds

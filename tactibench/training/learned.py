@@ -18,13 +18,11 @@ from tactibench.errors import UserError
 from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
 from tactibench.training.examples import Examples
 from tactibench.training.inference import (
-    CONFIGURATIONS,
-    autocast,
     deterministic_kernels,
+    float32_tensors,
     fold_batch_norm,
 )
 from tactibench.training.loop import train
-from tactibench.training.precision import resolve_precision
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
 from tactibench.training.targets import position_error_mm
 from tactibench.training.weights import load_weights, save_weights
@@ -35,7 +33,7 @@ USUAL_MIXING = 0.5
 """Mixed frames as a share of the frames. A share of 1 costs half as much time again: pairs are then
 resolved as often (99.9 against 99.7 %), and their distance is no better (0.135 mm)."""
 _BATCH = 32
-"""Frames that pass through the network at once in ``predict``."""
+"""Frames that pass through the network at once, to bound the memory."""
 
 
 class LearnedModel(Model):
@@ -50,12 +48,10 @@ class LearnedModel(Model):
             among its frames, as a share of the frames. Below 0 it is ``USUAL_MIXING`` where the
             frames allow it.
         prior: Knowledge about contacts that press together in mixed frames.
-        timed_as: Description of the stages that are timed.
     """
 
     name: ClassVar[str]
     """The name by which the model is declared."""
-    configurations = CONFIGURATIONS
 
     def __init__(
         self,
@@ -69,10 +65,8 @@ class LearnedModel(Model):
         self.architecture = architecture
         self.mixing = mixing
         self.prior: Prior = "nominal mechanics"
-        precision = resolve_precision("auto", context.device)
-        self.timed_as = f"{precision}, batch 1, normalisation folded, channels_last"
         self._network: nn.Module | None = None
-        self._folded: dict[str, nn.Module] = {}
+        self._folded: nn.Module | None = None
 
     # Methods that a subclass must define.
 
@@ -160,9 +154,9 @@ class LearnedModel(Model):
     def restore(self, extra: dict[str, Any]) -> None:
         """Restore the values of ``extra``."""
 
-    def fold(self, network: nn.Module, precision: str) -> nn.Module:
-        """Return a copy for inference in "float32", or in "bf16" if it is called under autocast."""
-        return fold_batch_norm(network, precision)
+    def fold(self, network: nn.Module) -> nn.Module:
+        """Return a copy of the network for inference."""
+        return fold_batch_norm(network)
 
     # Methods that this class defines.
 
@@ -181,6 +175,17 @@ class LearnedModel(Model):
             UserError: There is no frame that the model can learn from, mixed frames are requested
                 and cannot be made, or the loss is not finite.
         """
+        with float32_tensors():
+            return self._fit(frames, truth, validation, rng, progress)
+
+    def _fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
         seeds = Seeds.draw(rng)
         count = len(frames)
         frames, truth = self._usable(frames, truth)
@@ -224,44 +229,37 @@ class LearnedModel(Model):
         return replace(report, prior=prior, notes={**report.notes, **notes})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
-        """Return one answer for every frame, computed in float32."""
-        return self.answers(self.evaluate(frames)) if frames else []
-
-    @torch.inference_mode()
-    def evaluate(self, frames: Sequence[Frame]) -> Array:
-        """Return the (N, ...) outputs of frames, computed in float32."""
-        starts = range(0, max(1, len(frames)), _BATCH)
-        batches = (self.inputs(frames[start : start + _BATCH]) for start in starts)
-        return np.concatenate([self._forward(batch, "float32") for batch in batches])
+        """Return one answer for every frame: the stages in turn."""
+        if not frames:
+            return []
+        value: Any = frames
+        for _, stage in self.stages():
+            value = stage(value)
+        answers: list[Answer | None] = value
+        return answers
 
     def stages(self) -> Sequence[Stage]:
-        """Return the stages of the fast configuration: bf16 where the device has it natively."""
-        precision = resolve_precision("auto", self.context.device)
-        self._inference(precision)
+        """Return the phases of ``predict``, which computes in float32."""
         return [
             ("preprocess", self.inputs),
-            ("forward", lambda inputs: self._forward(inputs, precision)),
+            ("forward", self.forward),
             ("decode", self.answers),
         ]
 
-    def configured(self, name: str, frames: Sequence[Frame]) -> Sequence[Stage]:
-        """Return the stages of one way of ``configurations``, prepared for frames like these.
+    @torch.inference_mode()
+    def forward(self, inputs: torch.Tensor) -> Array:
+        """Return the (N, ...) outputs of (N, ...) inputs, computed in float32."""
+        if self._folded is None:
+            self._folded = self.fold(self.network)
+        device = self.context.device
+        with float32_tensors(), deterministic_kernels(device):
+            batches = torch.split(inputs, _BATCH)
+            outputs = [self.outputs(self._folded(batch.to(device))) for batch in batches]
+        return np.concatenate(outputs)
 
-        Raises:
-            UserError: This machine or the network cannot compute in that way.
-        """
-        from tactibench.training.deploy import UnavailableError, prepare_forward
-
-        example, device = self.inputs(frames), self.context.device
-        try:
-            forward = prepare_forward(name, self.network, self.fold, example, device)
-        except UnavailableError as reason:
-            raise UserError(f"model {self.name!r}, {CONFIGURATIONS[name]}: {reason}.") from reason
-        return [
-            ("preprocess", self.inputs),
-            ("forward", lambda inputs: self.outputs(forward(inputs))),
-            ("decode", self.answers),
-        ]
+    def evaluate(self, frames: Sequence[Frame]) -> Array:
+        """Return the (N, ...) outputs of frames."""
+        return self.forward(self.inputs(frames))
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""
@@ -307,7 +305,7 @@ class LearnedModel(Model):
 
         inputs = self.inputs([frame]).to(self.context.device)
         counter = FlopCounterMode(display=False)
-        with torch.no_grad(), counter:
+        with torch.no_grad(), float32_tensors(), counter:
             self.network(inputs)
         return int(counter.get_total_flops())
 
@@ -339,26 +337,12 @@ class LearnedModel(Model):
         return mixed, contacts
 
     def _build(self, seed: int) -> nn.Module:
-        with torch_seed(seed):
+        with torch_seed(seed), float32_tensors():
             return self.build()
 
     def _use(self, network: nn.Module) -> nn.Module:
-        self._network = network.to(self.context.device).eval()
-        self._folded = {}
+        self._network, self._folded = network.to(self.context.device).eval(), None
         return self._network
-
-    def _inference(self, precision: str) -> nn.Module:
-        if precision not in self._folded:
-            self._folded[precision] = self.fold(self.network, precision)
-        return self._folded[precision]
-
-    @torch.inference_mode()
-    def _forward(self, inputs: torch.Tensor, precision: str) -> Array:
-        device = self.context.device
-        network = self._inference(precision)
-        with deterministic_kernels(device, precision), autocast(precision, device):
-            raw = network(inputs.to(device))
-        return self.outputs(raw)
 
     def _usable(
         self, frames: Sequence[Frame], truth: Sequence[Answer]

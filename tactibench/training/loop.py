@@ -24,7 +24,6 @@ from tactibench.training.averaging import average_weights, measure_statistics
 from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 from tactibench.training.examples import Examples
 from tactibench.training.inference import autocast, deterministic_kernels
-from tactibench.training.precision import resolve_precision
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
 
 Loss = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
@@ -149,7 +148,7 @@ def train(
     Raises:
         UserError: The loss is not finite.
     """
-    place = _Place(device, resolve_precision(recipe.precision, device))
+    place = _Place(device, recipe.precision)
     layout = torch.channels_last if recipe.channels_last else torch.contiguous_format
     network.to(device=device, memory_format=layout)  # type: ignore[call-overload]
     run = _Training(

@@ -27,8 +27,7 @@ class Recipe:
         weight_decay: Weight decay of kernels.
         patience: Epochs without a better validation loss after which the training stops and the
             best weights are taken; None to run all epochs and take the last weights.
-        precision: Precision of the training arithmetic, "float32", "bf16" or "auto": bf16 where the
-            machine computes it natively.
+        precision: Precision of the training arithmetic, "float32" or "bf16".
         channels_last: Whether tensors of convolutions have this memory layout.
         average: Decay per step of the mean of the weights, which is taken (see module
             ``averaging``); 0 to take the last weights.
@@ -45,7 +44,7 @@ class Recipe:
     warmup: float = 0.3
     weight_decay: float = 0.0
     patience: int | None = None
-    precision: str = "auto"
+    precision: str = "float32"
     channels_last: bool = True
     average: float = 0.0
 
@@ -54,8 +53,8 @@ class Recipe:
             raise ValueError("a recipe needs at least one epoch and one frame a batch")
         if not self.learning_rate > 0 or self.weight_decay < 0:
             raise ValueError("learning_rate must be positive and weight_decay not negative")
-        if self.precision not in ("auto", "float32", "bf16"):
-            raise ValueError(f"precision {self.precision!r} is none of auto, float32, bf16")
+        if self.precision not in ("float32", "bf16"):
+            raise ValueError(f"precision {self.precision!r} is neither float32 nor bf16")
         if not 0 <= self.average < 1:
             raise ValueError("average is a decay a step, from 0 to below 1")
         if not 0 < self.warmup < 1:
@@ -101,7 +100,6 @@ RECIPES = {
         learning_rate=3e-4,
         schedule="constant",
         patience=10,
-        precision="float32",
         channels_last=False,
     ),
     "default": Recipe(

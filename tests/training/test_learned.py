@@ -215,9 +215,8 @@ def test_stages_are_those_of_the_weights_in_use(make):
     fit(model)
     value = staged(model, frames)
     assert [name for name, _ in model.stages()] == ["preprocess", "forward", "decode"]
-    np.testing.assert_allclose(depths(value), depths(model.predict(frames)), rtol=0.02)  # bf16
+    np.testing.assert_array_equal(depths(value), depths(model.predict(frames)))
     assert not np.allclose(depths(value), before)
-    assert model.timed_as.startswith(("bf16", "float32"))
 
 
 def test_the_position_error_is_the_distance_to_the_nearest_answer():

@@ -9,7 +9,7 @@ from state_hash import state_hash
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 
 
-@pytest.mark.parametrize("precision", ["float32", "auto"])
+@pytest.mark.parametrize("precision", ["float32", "bf16"])
 def test_a_training_is_repeatable_and_resumes_to_the_same_bits(
     run, recipe, recorder, interrupted, tmp_path, precision
 ):
