@@ -48,11 +48,6 @@ def tactibench_sensors() -> list[SensorSpec]:
                     high=1000.0,
                 ),
                 Parameter(
-                    "fit_side",
-                    True,
-                    "labels that are fitted: q as well; off, as before it was known: q = 0",
-                ),
-                Parameter(
                     "labels",
                     "auto",
                     "given: read by those three numbers; fitted: all taken from the "

@@ -22,7 +22,6 @@ from tactibench.datasets import (
     cached_report,
     open_recording,
     own_workspace,
-    plate_scenes,
 )
 
 _THREADS = min(8, os.cpu_count() or 1)
@@ -57,7 +56,6 @@ class RecordedSensor(Sensor):
         depth_offset_mm: float = OFFSET_MM,
         pivot_mm: float = PIVOT_MM,
         pivot_side_mm: float = 0.0,
-        fit_side: bool = True,
         labels: str = "auto",
         depth: str = "pose_2",
         tilt: str = "pose_6",
@@ -87,7 +85,7 @@ class RecordedSensor(Sensor):
         self._label_fit: RecordingFit | None = None
         scenes: Sequence[Scene | None] = recording.scenes
         if not any(scenes):
-            scenes = self._read_plates(fit=fit, fit_side=fit_side)
+            scenes = self._read_plates(fit=fit)
         self._rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
         if not self._rows:
             raise UserError(f"{context.data} has no frame of which it is known what was pressed.")
@@ -97,8 +95,7 @@ class RecordedSensor(Sensor):
             self._refuse_contradictions()
         self._number = {scene: number for number, scene in enumerate(self._scenes)}
         self.signal = "channels" if isinstance(recording.kind, ChannelKind) else "image"
-        states_radius = recording.dataset is not None or recording.header
-        if recording.dome_radius_mm is not None and states_radius:
+        if recording.dome_radius_mm is not None and recording.dataset is not None:
             self.dome_radius_mm = recording.dome_radius_mm
         if range != "published":
             radius = recording.dome_radius_mm
@@ -160,11 +157,6 @@ class RecordedSensor(Sensor):
     def describe(self) -> dict[str, Any]:
         """Return the facts that determine the frames; the path of the folder is none of them."""
         recording, options = self._recording, self._options
-        rest = None if recording.rest is None else recording.rest.name
-        if recording.estimated_rest is not None:
-            rest = "estimated from the least pressed frames"
-        if recording.dataset is not None and self._rest_signal is not None:
-            rest = "rest"
         aside, fit = options.pivot_side_mm, self._label_fit
         origin = {} if recording.dataset is None else recording.dataset.header.sensor
         return {
@@ -176,7 +168,7 @@ class RecordedSensor(Sensor):
             **({"origin": "simulated"} if origin.get("origin") == "simulated" else {}),
             "count": len(self._scenes),
             **_described_kind(recording),
-            "rest": rest,
+            "rest": recording.rest_name,
             "columns": dict(self._columns),
             "depth_offset_mm": float(options.offset_mm),
             "pivot_mm": float(options.pivot_mm),
@@ -202,15 +194,14 @@ class RecordedSensor(Sensor):
         """Return what the frames with a scene have, of the values of all rows."""
         return [values[row] for row in self._rows]
 
-    def _read_plates(self, *, fit: bool, fit_side: bool) -> Sequence[Scene]:
+    def _read_plates(self, *, fit: bool) -> Sequence[Scene]:
         """Return the scenes of labels that are a plate's; columns and options become those read.
 
         Args:
             fit: Whether to take the labels' offset and pivot from the pins instead.
-            fit_side: Whether q is fitted, too; it is 0 otherwise.
         """
         if fit:
-            self._label_fit = cached_fit(self._recording, self._options, side=fit_side)
+            self._label_fit = cached_fit(self._recording, self._options)
             pivot = self._label_fit.pivot
             self._options = replace(
                 self._options,
@@ -218,7 +209,7 @@ class RecordedSensor(Sensor):
                 pivot_mm=pivot.pivot_mm,
                 pivot_side_mm=pivot.side_mm,
             )
-        scenes, roles = plate_scenes(self._recording, self._options)
+        scenes, roles = self._recording.plate_scenes(self._options)
         self._columns |= roles
         return scenes
 

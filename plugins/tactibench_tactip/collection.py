@@ -24,7 +24,7 @@ from typing import Any
 from tactibench import Indenter, UserError, __version__
 from tactibench.datasets import FRAMES, Draft, Header, Writer, is_dataset, open_dataset
 from tactibench.lab import Press
-from tactibench_tactip.camera import Camera, CameraError, Image, Reference
+from tactibench_tactip.camera import Camera, CameraError, Reference
 from tactibench_tactip.geometry import geometry_of
 from tactibench_tactip.plan import (
     CollectionPlan,
@@ -398,8 +398,6 @@ def collect(
         writer = stack.enter_context(
             Writer(folder, _header(settings, plan, camera, folder), plan.rows())
         )
-        for sentence in writer.repaired:
-            callbacks.notify(f"{folder}: {sentence}")
         callbacks.advance(len(writer.done))
         if len(writer.done) == len(plan):
             return SessionReport()
@@ -491,7 +489,7 @@ def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
     """Return whether the folder holds a closed data set of exactly these presses."""
     if not is_dataset(folder):
         return False
-    dataset = open_dataset(folder, repair=False)
+    dataset = open_dataset(folder)
     return dataset.header.status == "closed" and list(dataset.plan()) == plan.rows()
 
 
@@ -504,7 +502,7 @@ def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Pa
     height, width = camera.now().image.shape
     configuration = settings.record()
     if is_dataset(folder):
-        begun = open_dataset(folder, repair=False).header.sensor.get("configuration", {})
+        begun = open_dataset(folder).header.sensor.get("configuration", {})
         configuration = settings.record_for(begun)
     actual = camera.read_back
     assert actual is not None, "the camera is open"  # noqa: S101
@@ -531,7 +529,7 @@ def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Pa
 
 def _check_same_sensor(rest: Reference, folder: Path) -> None:
     """Raise UserError where the undeformed sensor differs from the rest image of the data set."""
-    before: Image | None = open_dataset(folder, repair=False).rest_image
+    before = open_dataset(folder).rest
     if before is None:
         return
     difference = float(abs(rest.mean - before).mean())

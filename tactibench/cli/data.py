@@ -1,23 +1,26 @@
-"""``tactibench data``: data sets on the disk, from and to other formats."""
+"""``tactibench data``: data sets on the disk, their formats, and what they can serve."""
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.data_info import info, print_labels_report
-from tactibench.cli.options import json_option, param_option, save_json
+from tactibench.cli.options import json_option, param_option, picture_file, save_json
 from tactibench.cli.text import echo
+from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import Export
+    from tactibench.datasets import ImportOptions, LabelReport, LabelSummary, PinSummary, Recording
+    from tactibench.frames import Service
 
-FORMATS = ("bristol", "card", "hf-parquet")
-"""Those of the exporter, written out: to read them there would load numpy for a help text."""
+SHEET_ROWS, SHEET_COLUMNS = 6, 8
+SHEET_INCHES = (10.2, 9.4)
 SHOWN = 20
 """Findings that `verify` prints; --json has all."""
 
@@ -27,60 +30,35 @@ def data() -> None:
     """Data sets on the disk: read recordings, check, share and describe them."""
 
 
-data.add_command(info)
-
-
-@data.command(short_help="write a data set in another format")
+@data.command(short_help="write a data set as Parquet files")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option("--format", "format_", type=click.Choice(FORMATS), required=True)
 @click.option(
     "--split", metavar="NAME", help="Its parts become files of their own; default: the only one."
 )
 @json_option
-def export(
-    folder: Path, target: Path, format_: str, split: str | None, json_file: Path | None
-) -> None:
-    """Write the data set in FOLDER to TARGET, in another format.
+def export(folder: Path, target: Path, split: str | None, json_file: Path | None) -> None:
+    """Write the data set in FOLDER as Parquet files to TARGET, as Hugging Face reads them.
 
-    \b
-    bristol     sensor_images/, targets.csv, *_params.json; `data import` reads it back
-    hf-parquet  Parquet files with the images inside (needs tactibench[hf])
-    card        README.md, as the Hugging Face Hub reads it
-
-    TARGET must be new or empty: nothing is overwritten, and an interrupted export leaves nothing.
+    Images are inside the files (needs tactibench[hf]). TARGET must be new or empty: nothing is
+    overwritten, and an interrupted export leaves nothing.
     """
     from tactibench.cli.output import Terminal
     from tactibench.datasets import export_dataset, open_dataset
 
     dataset = open_dataset(folder)
     terminal = Terminal()
-    with terminal.task(f"export {format_}", len(dataset.samples)) as advance:
-        summary = export_dataset(dataset, target, format_, split=split, advance=advance)
-    for sentence in dataset.repaired:
-        terminal.say(f"{folder}: {sentence}")
-    terminal.say(_export_line(summary))
-    save_json(json_file, _export_rows(summary))
-
-
-def _export_line(export: Export) -> str:
+    with terminal.task("export", len(dataset.samples)) as advance:
+        export = export_dataset(dataset, target, split=split, advance=advance)
     subsets = ", ".join(f"{subset} {count:,}" for subset, count in export.subsets.items())
     bad = f"; {export.bad:,} marked bad left out" if export.bad else ""
-    return (
-        f"{export.path}: {export.samples:,} samples{f' ({subsets})' if subsets else ''}{bad}; "
-        f"{export.files:,} file{'' if export.files == 1 else 's'}, "
-        f"{export.size_bytes / 1e6:,.1f} MB"
+    size = f"{export.size_bytes / 1e6:,.1f} MB"
+    terminal.say(
+        f"{export.path}: {sum(export.subsets.values()):,} samples ({subsets}){bad}; {size}"
     )
-
-
-def _export_rows(export: Export) -> list[dict[str, Any]]:
-    return [
-        _row("samples", "all", export.samples),
-        *(_row("samples", subset, count) for subset, count in export.subsets.items()),
-        _row("left_out", "bad", export.bad),
-        _row("files", "all", export.files),
-        _row("size", "all", export.size_bytes, "B"),
-    ]
+    counts = [_row("samples", subset, count) for subset, count in export.subsets.items()]
+    rows = [_row("left_out", "bad", export.bad), _row("size", "all", export.size_bytes, "B")]
+    save_json(json_file, counts + rows)
 
 
 @data.command(short_help="fit the geometry behind the labels of a recording")
@@ -135,16 +113,16 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     )
     params = " ".join(f"--param {name}={value}" for name, value in fit.options().items())
     terminal.say(f"\ntactibench data import {shlex.quote(str(folder))} TARGET {params}")
-    rows = [
-        _row("offset", "all", pivot.offset_mm, "mm") | {"std": pivot.offset_std},
-        _row("pivot", "all", pivot.pivot_mm, "mm") | {"std": pivot.pivot_std},
-        _row("pivot beside the axis", "all", pivot.side_mm, "mm") | {"std": pivot.side_std},
-        _row("lean", "all", fit.lean_deg, "deg") | {"std": None},
-        _row("misfit", "all", pivot.residual, "share") | {"std": None},
-        _row("presses", "all", pivot.presses) | {"std": None},
-        _row("presses left out", "all", pivot.left_out) | {"std": None},
+    facts = [
+        ("offset", pivot.offset_mm, "mm", pivot.offset_std),
+        ("pivot", pivot.pivot_mm, "mm", pivot.pivot_std),
+        ("pivot beside the axis", pivot.side_mm, "mm", pivot.side_std),
+        ("lean", fit.lean_deg, "deg", None),
+        ("misfit", pivot.residual, "share", None),
+        ("presses", pivot.presses, "", None),
+        ("presses left out", pivot.left_out, "", None),
     ]
-    save_json(json_file, rows)
+    save_json(json_file, [_row(n, "all", value, u) | {"std": std} for n, value, u, std in facts])
 
 
 @data.command(short_help="press a sensor and keep the frames")
@@ -182,7 +160,13 @@ def generate(
     tactibench data generate --plan presses.jsonl --out data/grid
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import GenerationRequest, is_complete, is_dataset, sensor_parameters
+    from tactibench.datasets import (
+        GenerationRequest,
+        is_complete,
+        is_dataset,
+        open_dataset,
+        sensor_parameters,
+    )
     from tactibench.datasets import generate as write
     from tactibench.run import read_parameters
 
@@ -195,20 +179,11 @@ def generate(
         terminal.say(f"{out}: complete, {total:,} samples")
         return
     if is_dataset(out):
-        _say_begun(terminal, out, total)
+        there = len(open_dataset(out).samples)
+        terminal.say(f"{out}: {there:,} of {total:,} samples are there, going on")
     with terminal.task("press", total) as advance:
         write(out, source, press_plan, advance)
     terminal.say(f"{out}: {total:,} samples of {source.identity['name']} written")
-
-
-def _say_begun(terminal: Terminal, out: Path, total: int) -> None:
-    from tactibench.datasets import open_dataset
-
-    dataset = open_dataset(out)
-    for sentence in dataset.repaired:
-        terminal.say(f"{out}: {sentence}")
-    if dataset.header.status == "open":
-        terminal.say(f"{out}: {len(dataset.samples):,} of {total:,} samples are there, going on")
 
 
 def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -339,5 +314,184 @@ def verify(ctx: click.Context, folder: Path, json_file: Path | None) -> None:
         ctx.exit(1)
 
 
+@data.command(short_help="what a folder holds, and what it can serve")
+@click.argument("folder", type=click.Path(path_type=Path))
+@picture_file("--sheet", "Draw frames spread over the labels.")
+@param_option("NAME=VALUE", "Say where labels are and what they mean, as `data import` does.")
+@json_option
+def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: Path | None) -> None:
+    """Show what FOLDER holds: a recording of any known format, or a data set.
+
+    \b
+    tactibench data info recordings/331 --sheet frames.png
+    """
+    from tactibench.cli.output import Terminal
+    from tactibench.datasets import (
+        ChannelKind,
+        label_values,
+        open_recording,
+        read_options,
+        summarize_labels,
+        summarize_pins,
+    )
+    from tactibench.frames import served_protocols
+
+    terminal = Terminal()
+    options = read_options(params)
+    recording = open_recording(folder, options)
+    channels = isinstance(recording.kind, ChannelKind)
+    if sheet is not None and channels:
+        raise UserError(f"{folder} holds {recording.kind} and no images; leave --sheet out.")
+    labels = summarize_labels(label_values(recording))
+    _print_facts(terminal, folder, recording)
+    _print_labels(terminal, labels)
+    pins = None if channels else summarize_pins(recording)
+    if pins is not None:
+        terminal.say(f"\n{pins}")
+    report = _labels_report(recording, options)
+    terminal.say("")
+    print_labels_report(terminal, report)
+    protocols = served_protocols(recording, report.contradictions)
+    terminal.say("\nprotocols")
+    answers = dict.fromkeys((service.served, service.reason) for service in protocols)
+    for answer in answers:  # protocols with the same answer share a line
+        names = [s.protocol for s in protocols if (s.served, s.reason) == answer]
+        terminal.say(f"  {'yes' if answer[0] else 'no':<4}{', '.join(names)}: {answer[1]}")
+    for note in recording.notes:
+        terminal.say(f"note: {note}")
+    if sheet is not None:
+        draw_sheet(sheet, recording)
+        terminal.say(f"picture: {sheet}")
+    save_json(json_file, _info_rows(recording, labels, pins, protocols))
+
+
+def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:
+    presses = len(set(recording.presses))
+    known = sum(scene is not None for scene in recording.scenes)
+    facts = {
+        "format": f"{recording.format} ({recording.generation})",
+        "frames": f"{len(recording):,} of {recording.kind}, {presses:,} presses",
+        "rest frame": recording.rest_name or "none",
+        "contacts": f"{known:,} frames" if known else "none, labels only",
+    }
+    if recording.dataset is not None:
+        header = recording.dataset.header
+        facts["name"] = header.name
+        facts["sensor"] = str(header.sensor.get("name", "unknown"))
+        facts["licence"] = header.licence or "unknown"
+    if recording.about:
+        facts["says more"] = ", ".join(recording.about)
+    terminal.say(str(folder))
+    for name, text in facts.items():
+        terminal.say(f"  {name:<11}{text}")
+
+
+def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
+    from tactibench.report import Cell, Column, Head, Number, fixed, print_table, table
+
+    terminal.say("")
+    heads: list[Head] = ["label", *map(Column, ("least", "mean", "most")), "", "histogram"]
+    rows: list[list[Cell]] = [
+        [
+            label.name,
+            *(Number(value, fixed(2)) for value in (label.low, label.mean, label.high)),
+            label.unit,
+            label.bars,
+        ]
+        for label in labels
+        if not label.constant
+    ]
+    if rows:
+        print_table(terminal.out, table(heads, rows))
+    same = [f"{label.name} {label.low:g}" for label in labels if label.constant]
+    if same:
+        terminal.say(f"the same in all frames: {', '.join(same)}")
+
+
+def _labels_report(recording: Recording, options: ImportOptions) -> LabelReport:
+    """Return what the frames say of the labels; labels of nothing known are taken as a plate's."""
+    from tactibench.datasets import LabelReport, cached_report
+
+    scenes = recording.scenes
+    if not any(scenes):
+        try:
+            scenes, _ = recording.plate_scenes(options)
+        except UserError as error:
+            return LabelReport(0, (f"no labels of a plate: {error}",))
+    return cached_report(recording, scenes, options)
+
+
+def print_labels_report(terminal: Terminal, report: LabelReport) -> None:
+    """Show what the frames say of the labels."""
+    terminal.say(f"labels held against {report.presses:,} frames")
+    for fact in report.facts:
+        terminal.say(f"  {fact}")
+    for wrong in (*report.contradictions, *report.doubts):
+        terminal.say(f"  WARNING: {wrong}")
+
+
+def _info_rows(
+    recording: Recording,
+    labels: Sequence[LabelSummary],
+    pins: PinSummary | None,
+    protocols: Sequence[Service],
+) -> list[dict[str, Any]]:
+    """Return rows of metric, group, value, unit."""
+    known = sum(scene is not None for scene in recording.scenes)
+    rows = [
+        _row("format", "all", recording.format),
+        _row("generation", "all", recording.generation),
+        _row("frames", "all", len(recording)),
+        _row("presses", "all", len(set(recording.presses))),
+        _row("shape", "all", list(recording.kind.shape)),
+        _row("contacts known", "all", known),
+        _row("sha256", "all", recording.sha256),
+    ]
+    for label in labels:
+        rows += [
+            _row("least", label.name, label.low, label.unit),
+            _row("mean", label.name, label.mean, label.unit),
+            _row("most", label.name, label.high, label.unit),
+            _row("histogram", label.name, list(label.counts), "frames"),
+        ]
+    if pins is not None:
+        rows += [
+            _row("pins found, least", "all", min(pins.counts)),
+            _row("pins found, most", "all", max(pins.counts)),
+            _row("pins at rest", "all", pins.rest),
+            _row("all pins seen", "all", pins.visible_share, "share"),
+            _row("largest displacement, median", "all", pins.moved_px, "px"),
+        ]
+    served = [_row("served", s.protocol, s.served) | {"reason": s.reason} for s in protocols]
+    return rows + served + [_row("note", "all", note) for note in recording.notes]
+
+
+def draw_sheet(path: Path, recording: Recording) -> None:
+    """Write a sheet of frames as PNG; from first to last the first label grows."""
+    from tactibench.datasets import label_values, spread_rows, unit_of
+    from tactibench.report import headline, new_figure, save_png
+
+    values = label_values(recording)
+    labels, rows = spread_rows(values, len(recording), SHEET_ROWS * SHEET_COLUMNS)
+    sheet = new_figure(*SHEET_INCHES)
+    panels = sheet.subplots(SHEET_ROWS, SHEET_COLUMNS, squeeze=False).ravel()
+    for panel in panels:
+        panel.set_axis_off()
+    for panel, row in zip(panels, rows, strict=False):
+        panel.imshow(recording.image(row), cmap="gray", vmin=0, vmax=255)
+        numbers = ", ".join(f"{values[label][row]:.2f}" for label in labels)
+        panel.set_title(f"{numbers}\n{recording.names[row][-20:]}", fontsize=6, pad=3)
+    title = recording.folder.resolve().name
+    above = ", ".join(f"{label} {unit_of(label)}".strip() for label in labels) or "no labels"
+    headline(
+        sheet,
+        f"{title}: {len(recording):,} frames of {recording.kind}",
+        f"{len(rows)} of them, spread over the labels; above each: {above}",
+    )
+    save_png(sheet, path)
+
+
 def _row(metric: str, group: str, value: Any, unit: str = "") -> dict[str, Any]:
+    if isinstance(value, float) and not math.isfinite(value):
+        value = None
     return {"metric": metric, "group": group, "value": value, "unit": unit}

@@ -1,34 +1,116 @@
-"""A data set that is opened for reading."""
+"""A data set that is opened for reading, and the comparison of its files with what was written."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, overload
+
+import numpy as np
+import numpy.typing as npt
 
 from tactibench.contacts import Contacts, Signal
-from tactibench.datasets.channels import ChannelKind, read_channels, reference_channels
-from tactibench.datasets.checksums import refuse_changed
-from tactibench.datasets.images import Image, ImageCache, read_image
-from tactibench.datasets.index import JournalIndex
-from tactibench.datasets.journal import (
-    Content,
-    Event,
-    needs_repair,
-    read_content,
-    reference_file,
-    repair,
+from tactibench.datasets.files import (
+    Split,
+    check_split,
+    parse_object,
+    read_optional,
+    read_plan,
+    read_row,
+    read_split,
+    split_files,
 )
-from tactibench.datasets.rows import read_plan
-from tactibench.datasets.schema import EVENTS, JOURNAL, LOCK, PLAN, Header, Sample, contacts_of
-from tactibench.datasets.splits import Split, check_split, read_split, split_files
-from tactibench.datasets.storage import WriterLock
+from tactibench.datasets.schema import (
+    EVENTS,
+    JOURNAL,
+    PLAN,
+    ChannelKind,
+    Header,
+    Sample,
+    contacts_of,
+    is_reference_name,
+    read_header,
+)
 from tactibench.errors import UserError
-from tactibench.png import ImageKind, read_file
+from tactibench.png import decode_png, read_file
+
+Event = Mapping[str, Any]
+Image = npt.NDArray[np.uint8]
+
+
+def read_lines(path: Path) -> list[bytes]:
+    """Return the acknowledged lines of a journal without line breaks; a missing file has none.
+
+    What stands behind the last line break, and a last line that is no JSON, was left by a write
+    that was interrupted.
+
+    Raises:
+        UserError: The file cannot be read.
+    """
+    *lines, _ = read_optional(path).split(b"\n")
+    if lines and parse_object(lines[-1]) is None:
+        lines.pop()
+    return lines
+
+
+def lines_hash(lines: Sequence[bytes]) -> str:
+    """Return the sha256 of the lines of a journal."""
+    return hashlib.sha256(b"".join(line + b"\n" for line in lines)).hexdigest()
+
+
+def read_events(folder: Path) -> tuple[Event, ...]:
+    """Return the events of a data set in the order they were noted.
+
+    Raises:
+        UserError: A line is no JSON object.
+    """
+    events = []
+    for number, line in enumerate(read_lines(folder / EVENTS), start=1):
+        event = parse_object(line)
+        if event is None:
+            raise UserError(f"{folder / EVENTS} line {number} is no JSON object; restore it.")
+        events.append(event)
+    return tuple(events)
+
+
+class Samples(Sequence[Sample]):
+    """The samples of a journal, each read from its line when it is asked for.
+
+    Args:
+        path: Path of the journal, for errors.
+        lines: Its acknowledged lines.
+    """
+
+    def __init__(self, path: Path, lines: Sequence[bytes]) -> None:
+        self._path = path
+        self._lines = lines
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self._lines)
+
+    @overload
+    def __getitem__(self, row: int) -> Sample: ...
+
+    @overload
+    def __getitem__(self, row: slice) -> tuple[Sample, ...]: ...
+
+    def __getitem__(self, row: int | slice) -> Sample | tuple[Sample, ...]:
+        """Return the sample of a row, or the samples of a slice.
+
+        Raises:
+            IndexError: There is no such row.
+            UserError: A line is damaged.
+        """
+        if isinstance(row, slice):
+            return tuple(self[number] for number in range(len(self))[row])
+        number = range(len(self))[row]
+        return read_row(self._lines[number], f"{self._path} line {number + 1}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +122,7 @@ class Dataset:
         header: Facts that hold for every sample.
         samples: Samples in the order they were written, bad ones included.
         events: Events in the order they were noted.
-        sha256: Identity of labels and images: the hash of the journal, which holds every image's.
-        index: Lines of the journal by row and id.
-        repaired: One sentence for each thing that opening repaired.
+        sha256: Identity of labels and signals: the hash of the journal, which holds every signal's.
     """
 
     folder: Path
@@ -50,46 +130,28 @@ class Dataset:
     samples: Sequence[Sample] = field(repr=False)
     events: tuple[Event, ...] = field(repr=False)
     sha256: str
-    index: JournalIndex = field(repr=False)
-    repaired: tuple[str, ...] = ()
-
-    @classmethod
-    def of_content(cls, folder: Path, content: Content, repaired: tuple[str, ...] = ()) -> Dataset:
-        """Return the data set of a folder from its content."""
-        return cls(
-            folder,
-            content.header,
-            content.samples,
-            content.events,
-            content.journal.sha256,
-            content.journal,
-            repaired,
-        )
 
     @cached_property
     def rest(self) -> Signal | None:
         """Signal of the undeformed sensor, like that of a sample; None if it was not recorded."""
         for number, event in enumerate(self.events, start=1):
             if event.get("kind") == "reference":
-                where = f"{self.folder / EVENTS} line {number}"
-                kind = self.header.kind
-                if isinstance(kind, ChannelKind):
-                    return reference_channels(event, kind, where)
-                name, sha256 = reference_file(event, where)
-                image = read_image(self.folder, name, sha256, kind, where)
-                image.setflags(write=False)
-                return image
+                return self._reference(event, f"{self.folder / EVENTS} line {number}")
         return None
 
-    @property
-    def rest_image(self) -> Image | None:
-        """Image of the undeformed sensor, if there is one.
-
-        Raises:
-            UserError: The samples hold channels.
-        """
-        self._image_kind()
-        return cast("Image | None", self.rest)
+    def _reference(self, event: Event, where: str) -> Signal:
+        name, sha256, kind = event.get("file_name"), str(event.get("sha256")), self.header.kind
+        if not isinstance(kind, ChannelKind):
+            if not isinstance(name, str) or not is_reference_name(name):
+                raise UserError(f"{where} names no reference frame; restore the line.")
+            return decode_png(name, self._read(self.folder / name, sha256, where), kind)
+        try:
+            row = np.array(event["channels"], "<f4").reshape(kind.shape)
+        except (KeyError, TypeError, ValueError):
+            row = np.empty(0, "<f4")
+        if hashlib.sha256(row.tobytes()).hexdigest() != sha256:
+            raise UserError(f"{where} does not hold the channels at rest; restore the line.")
+        return row.astype(np.float32)
 
     @cached_property
     def splits(self) -> Mapping[str, Split]:
@@ -99,11 +161,8 @@ class Dataset:
             UserError: A split has a press in two subsets, names an id that is no sample, or is
                 damaged.
         """
-        splits = {}
+        splits = {name: read_split(path) for name, path in split_files(self.folder).items()}
         for name, path in split_files(self.folder).items():
-            if self.header.status == "closed":
-                refuse_changed(self.folder, path.relative_to(self.folder).as_posix())
-            splits[name] = read_split(path)
             check_split(splits[name], self.samples, str(path))
         return splits
 
@@ -120,103 +179,140 @@ class Dataset:
         return contacts_of(sample.scene, self.header.dome_radius_mm)
 
     def signal(self, sample: Sample) -> Signal:
-        """Return the signal of a sample: its image, or channels of the header's shape, float32.
+        """Return the signal of a sample.
+
+        Returns:
+            An image, (H, W) or RGB (H, W, 3) uint8, or channels of the header's shape, float32.
 
         Raises:
-            UserError: The file is not what was written; the sentence names file and line.
+            UserError: The file is not what was written; the sentence names file and sample.
         """
-        kind, row = self.header.kind, self.index.row_of(sample.id)
-        if isinstance(kind, ImageKind):
-            return self.image(sample)
-        return read_channels(self.folder, row, sample.sha256, kind, f"{JOURNAL} line {row + 1}")
+        data, kind = self.stored_bytes(sample), self.header.kind
+        if isinstance(kind, ChannelKind):
+            return np.frombuffer(data, "<f4").astype(np.float32).reshape(kind.shape)
+        return decode_png(self.folder / sample.file_name, data, kind)
 
-    def image(self, sample: Sample) -> Image:
-        """Return the image of a sample, (H, W) or RGB (H, W, 3) uint8.
+    def stored_bytes(self, sample: Sample) -> bytes:
+        """Return the PNG file of a sample's image, or its row of channels, not decoded.
 
         Raises:
-            UserError: The file is not what was written; the sentence names file and line. Or the
-                samples hold channels and no images.
+            UserError: The file is not what was written.
         """
-        where = f"{JOURNAL} line {self.index.row_of(sample.id) + 1}"
-        return read_image(self.folder, sample.file_name, sample.sha256, self._image_kind(), where)
+        row = self._row_of[sample.id] if isinstance(self.header.kind, ChannelKind) else 0
+        return self._read(self.folder / sample.file_name, sample.sha256, f"sample {sample.id}", row)
 
-    def image_file(self, sample: Sample) -> bytes:
-        """Return the PNG file of a sample's image, which is not decoded.
-
-        Raises:
-            UserError: The file is not the one that was written, or the samples hold channels.
-        """
-        self._image_kind()
-        path = self.folder / sample.file_name
-        data = read_file(path)
-        if hashlib.sha256(data).hexdigest() != sample.sha256:
+    def _read(self, path: Path, sha256: str, what: str, row: int = 0) -> bytes:
+        """Return the bytes of a file, or of a row of channels, that have this hash."""
+        kind = self.header.kind
+        if isinstance(kind, ChannelKind):
+            try:
+                with path.open("rb") as file:
+                    file.seek(row * kind.row_bytes)
+                    data = file.read(kind.row_bytes)
+            except OSError as error:
+                raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+        else:
+            data = read_file(path)
+        if hashlib.sha256(data).hexdigest() != sha256:
+            place = f"{path} row {row + 1}" if isinstance(kind, ChannelKind) else path
             raise UserError(
-                f"{path} is not the file that sample {sample.id} had (its sha256 differs); see "
-                f"`tactibench data verify {self.folder}`."
+                f"{place} was changed after it was written (checksum of {what}); restore it from a "
+                "copy."
             )
         return data
 
-    def images(self, samples: Sequence[Sample], size: int | None = None) -> Image:
-        """Return gray images of samples, (N, H, W) uint8.
-
-        They come from a memory map, which the first call makes of all images.
-
-        Args:
-            samples: Samples of this data set, in any order.
-            size: Height and width of the images; None keeps their own.
-
-        Raises:
-            UserError: An image's file is not what was written, or the samples hold channels.
-        """
-        kind = self._image_kind()
-        height, width = (size, size) if size else (kind.height, kind.width)
-        shape = (len(self.samples), height, width)
-        cache = self._caches.setdefault(
-            shape,
-            ImageCache(self.folder, self.sha256, shape, lambda row: self.image(self.samples[row])),
-        )
-        return cache.take([self.index.row_of(sample.id) for sample in samples])
-
-    def _image_kind(self) -> ImageKind:
-        kind = self.header.kind
-        if not isinstance(kind, ImageKind):
-            raise UserError(
-                f"the samples of {self.folder} hold {kind} and no images; take a data set of "
-                "images."
-            )
-        return kind
-
     @cached_property
-    def _caches(self) -> dict[tuple[int, int, int], ImageCache]:
-        return {}
+    def _row_of(self) -> dict[int, int]:
+        return {sample.id: row for row, sample in enumerate(self.samples)}
 
 
-def open_dataset(folder: Path, repair: bool = True) -> Dataset:
-    """Open a data set for reading.
-
-    Args:
-        folder: The data set's folder.
-        repair: Whether to repair what an interrupted writer left. Nothing is repaired while a
-            writer is at work, or where the folder cannot be written. Acknowledged samples never
-            change.
+def open_dataset(folder: Path) -> Dataset:
+    """Open a data set for reading; nothing is changed.
 
     Raises:
-        UserError: The folder holds no data set, or a damaged one.
+        UserError: The folder holds no data set, or the journal of a closed one was changed.
     """
-    content = read_content(folder)
-    torn = content.header.status == "open" and needs_repair(folder, content)
-    repaired = _repair(folder) if repair and torn and os.access(folder, os.W_OK) else None
-    return repaired or Dataset.of_content(folder, content)
+    header, lines = read_header(folder), read_lines(folder / JOURNAL)
+    sha256 = lines_hash(lines)
+    if header.status == "closed" and sha256 != header.journal_sha256:
+        raise UserError(
+            f"{folder / JOURNAL} is not what it was when the data set was closed; restore it "
+            f"(`tactibench data verify {folder}` says what is wrong)."
+        )
+    samples = Samples(folder / JOURNAL, lines)
+    return Dataset(folder, header, samples, read_events(folder), sha256)
 
 
-def _repair(folder: Path) -> Dataset | None:
-    """Return the repaired data set; None where another process writes it or has the lock."""
+def count_samples(folder: Path) -> int:
+    """Return the number of lines in the journal, which may be damaged.
+
+    Raises:
+        UserError: The folder holds no data set.
+    """
+    read_header(folder)
+    return len(read_lines(folder / JOURNAL))
+
+
+def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list[str]:
+    """Compare signals, journals, plan and splits of a data set with what was written.
+
+    Args:
+        folder: The data set's folder, in which nothing is changed.
+        advance: Called with the number of samples that were finished.
+
+    Returns:
+        One sentence for each thing that is not as it was written; none for an intact data set.
+
+    Raises:
+        UserError: The folder holds no data set.
+    """
+    header, lines = read_header(folder), read_lines(folder / JOURNAL)
+    journal, findings, samples = folder / JOURNAL, list[str](), dict[int, Sample]()
+    line_of: dict[int, int] = {}
+    for number, line in enumerate(lines, start=1):
+        try:
+            sample = read_row(line, f"{journal} line {number}")
+        except UserError as error:
+            findings.append(str(error))
+            continue
+        samples[number] = sample
+        if (first := line_of.setdefault(sample.id, number)) != number:
+            findings.append(
+                f"{journal} lines {first} and {number} are both of id {sample.id}; an id stands "
+                "once: remove one of them."
+            )
+    if header.status == "closed" and lines_hash(lines) != header.journal_sha256:
+        findings.append(
+            f"{journal} is not what it was when the data set was closed (checksum, "
+            f"{header.counts.get('samples', 0):,} samples then, {len(samples):,} sound lines now); "
+            "restore it from a copy."
+        )
     try:
-        lock = WriterLock(folder / LOCK)
-    except (UserError, OSError):
-        return None
+        events = read_events(folder)
+    except UserError as error:
+        findings.append(str(error))
+        events = ()
+    sound = tuple(samples.values())
+    dataset = Dataset(folder, header, sound, events, "")
+    # A row of channels belongs to its line, also where lines before it are damaged.
+    dataset.__dict__["_row_of"] = {sample.id: number - 1 for number, sample in samples.items()}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for sentences in pool.map(lambda sample: list(_finding(dataset.signal, sample)), sound):
+            findings += sentences
+            advance(1)
+    for number, event in enumerate(events, start=1):
+        if event.get("kind") == "reference":
+            where = f"{folder / EVENTS} line {number}"
+            findings += _finding(dataset._reference, event, where)
+    findings += _finding(dataset.plan)
+    for path in split_files(folder).values():
+        findings += _finding(lambda path=path: check_split(read_split(path), sound, str(path)))
+    return findings
+
+
+def _finding(check: Callable[..., object], *arguments: object) -> Iterator[str]:
+    """Yield the sentence with which a check refuses its arguments, if it does."""
     try:
-        content = read_content(folder)
-        return Dataset.of_content(folder, content, repair(folder, content))
-    finally:
-        lock.release()
+        check(*arguments)
+    except UserError as error:
+        yield str(error)

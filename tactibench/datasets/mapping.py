@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.datasets.readers.options import (
+from tactibench.datasets.formats import frame_places
+from tactibench.datasets.labels import is_number, named, texts
+from tactibench.datasets.options import (
     DUAL,
-    FRAME_FOLDERS,
     MM_PER,
     SINGLE,
     TIPS,
     ImportOptions,
     read_options,
 )
-from tactibench.datasets.readers.table import FloatArray, Table, read_table
-from tactibench.datasets.readers.vectors import read_label_table
-from tactibench.datasets.tips import is_number, named, texts
+from tactibench.datasets.tables import FloatArray, Table, read_table
+from tactibench.datasets.vectors import read_label_table
 from tactibench.errors import UserError
 from tactibench.png import read_file
 from tactibench.records import atomic
@@ -286,9 +286,7 @@ def _values(table: Table, columns: Iterable[str]) -> FloatArray:
 def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
     """Return the table that names most frames, its column of names, and the frames' folder."""
     paths = [folder / name] if name else sorted(folder.glob("*.csv"))
-    below = sorted(p for p in folder.iterdir() if p.is_dir())
-    places = [folder, *(folder / n for n in FRAME_FOLDERS if (folder / n) in below)]
-    places += [path for path in below if path not in places]
+    places = frame_places(folder)
     best: tuple[int, Table, str, Path] | None = None
     for path in paths:
         if not path.is_file():

@@ -26,9 +26,8 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from tactibench.datasets.labels import indentation, role_columns, signed_column
-from tactibench.datasets.readers.options import PLATE, ImportOptions
-from tactibench.datasets.readers.recording import Recording
-from tactibench.datasets.spreads import direction_of, lean_of, middle_of_spread, spread_of
+from tactibench.datasets.options import PLATE, ImportOptions
+from tactibench.datasets.recording import Recording
 from tactibench.errors import UserError
 
 FloatArray = npt.NDArray[np.float64]
@@ -194,8 +193,7 @@ def fit_recording(
     options: ImportOptions,
     advance: Callable[[int], None] = lambda _: None,
     *,
-    side: bool = True,
-    most: int | None = None,
+    most: int = MOST,
 ) -> RecordingFit:
     """Follow the pins of a recording, and fit offset and pivot.
 
@@ -203,8 +201,7 @@ def fit_recording(
         recording: Presses of a flat plate.
         options: Columns of depth and tilt.
         advance: Called with the number of frames that were read.
-        side: Whether q is fitted, too; it is 0 otherwise.
-        most: Largest number of presses that are followed; None: MOST.
+        most: Largest number of presses that are followed.
 
     Raises:
         UserError: There is no rest frame, frames have colours, or labels or presses do not suffice.
@@ -221,7 +218,7 @@ def fit_recording(
         )
     tracker = Tracker(rest)
     shear_columns = _changing(labels, _SHEAR)
-    rows = _least_sheared(recording, _changing(labels, _TRAVEL), most or MOST)
+    rows = _least_sheared(recording, _changing(labels, _TRAVEL), most)
     spread, shift, middle = np.empty(len(rows)), np.empty((len(rows), 2)), np.empty((len(rows), 2))
     for start in range(0, len(rows), _BATCH):
         batch = rows[start : start + _BATCH]
@@ -235,7 +232,7 @@ def fit_recording(
     shear = None
     if shear_columns:
         shear = np.column_stack([labels[name][rows] for name in shear_columns])
-    pivot = fit_pivot(spread, depth, tilt, shear, side=side)
+    pivot = fit_pivot(spread, depth, tilt, shear)
     untouched = ~_touching(spread)
     deep = indentation(depth, tilt, pivot.offset_mm, pivot.pivot_mm, pivot.side_mm)
     towards, following = direction_of(middle[~untouched], tilt[~untouched])
@@ -282,8 +279,6 @@ def fit_pivot(
     depth: FloatArray,
     tilt: FloatArray,
     shear: FloatArray | None = None,
-    *,
-    side: bool = True,
 ) -> Pivot:
     """Fit offset and pivot to the spreads of presses.
 
@@ -292,7 +287,6 @@ def fit_pivot(
         depth: (N,) labels, mm; larger is deeper.
         tilt: (N,) labels, deg.
         shear: (N, S) labels of how the plate was dragged along.
-        side: Whether q is fitted, too; it is 0 otherwise.
 
     Raises:
         UserError: Too few presses touch, or depth or tilt never changes.
@@ -312,7 +306,7 @@ def fit_pivot(
                 "told apart; fit a recording in which it changes, or name another column."
             )
     best, low, high = (
-        _fit_exponent(spread, depth, tilt, columns, EXPONENT + change, side)
+        _fit_exponent(spread, depth, tilt, columns, EXPONENT + change)
         for change in (0.0, -EXPONENT_STD, EXPONENT_STD)
     )
     return replace(
@@ -332,23 +326,22 @@ def _fit_exponent(
     tilt: FloatArray,
     shear: FloatArray,
     exponent: float,
-    side: bool,
 ) -> Pivot:
     """Fit with one exponent; the tails of the residuals weigh linearly (soft l1)."""
     log = np.log(spread)
     lifted, aside = 1 - np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
     linear = _linear_terms(tilt / np.abs(tilt).max(), shear)
-    count = linear.shape[1]  # x: a, p, the linear terms and, where it is fitted, q
+    count = linear.shape[1]  # x: a, p, the linear terms, q
 
     def indented(x: FloatArray) -> FloatArray:
-        deep = depth + x[0] + x[1] * lifted + (x[-1] * aside if side else 0.0)
+        deep = depth + x[0] + x[1] * lifted + x[-1] * aside
         return np.asarray(np.maximum(deep, _NEAREST_MM), dtype=np.float64)
 
     def residuals(x: FloatArray) -> FloatArray:
         fitted = exponent * np.log(indented(x)) + linear @ x[2 : 2 + count]
         return np.asarray(fitted - log, dtype=np.float64)
 
-    start = np.zeros(2 + count + side)
+    start = np.zeros(3 + count)
     start[0] = 1.0 - depth.min()  # the shallowest press about 1 mm deep
     start[2] = float(log.mean())
     x, scale = start, 0.1
@@ -361,17 +354,17 @@ def _fit_exponent(
     # Huber's sandwich for an M-estimate: psi of soft l1 is r / sqrt(1 + (r / scale)^2).
     tail = 1 + (misfit / scale) ** 2
     slope = exponent / indented(x)
-    jacobian = np.column_stack([slope, slope * lifted, linear, *([slope * aside] if side else [])])
+    jacobian = np.column_stack([slope, slope * lifted, linear, slope * aside])
     inverse = np.linalg.pinv((jacobian * tail[:, None] ** -1.5).T @ jacobian)
     half = jacobian * (misfit * tail**-0.5)[:, None]
     scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))
     return Pivot(
         offset_mm=float(x[0]),
         pivot_mm=float(x[1]),
-        side_mm=float(x[-1]) if side else 0.0,
+        side_mm=float(x[-1]),
         offset_std=float(scatter[0]),
         pivot_std=float(scatter[1]),
-        side_std=float(scatter[-1]) if side else 0.0,
+        side_std=float(scatter[-1]),
         offset_scatter=float(scatter[0]),
         pivot_scatter=float(scatter[1]),
         residual=float(np.median(np.abs(misfit))),
@@ -389,3 +382,69 @@ def _linear_terms(tilt: FloatArray, shear: FloatArray) -> FloatArray:
             scaled = values / largest
             columns += [scaled, scaled**2, scaled * tilt]
     return np.column_stack(columns)
+
+
+def spread_of(moved: FloatArray) -> FloatArray:
+    """Return the root mean square distance of pins' displacements from their mean.
+
+    Args:
+        moved: (N, P, 2) displacements of P pins, px.
+
+    Returns:
+        (N,) px.
+    """
+    centred = moved - moved.mean(axis=1, keepdims=True)
+    spread: FloatArray = np.sqrt((centred**2).sum(axis=2).mean(axis=1))
+    return spread
+
+
+def middle_of_spread(moved: FloatArray, rest: FloatArray) -> FloatArray:
+    """Return the (N, 2) place, px from the mean pin, about which the pins of a press spread.
+
+    The lines through the pins along their displacements pass it closest, in least squares weighted
+    by the displacements. An even shift of all pins is taken out first.
+
+    Args:
+        moved: (N, P, 2) displacements of P pins, px.
+        rest: (P, 2) places of the pins at rest, px.
+    """
+    centred = moved - moved.mean(axis=1, keepdims=True)
+    normal = np.stack([-centred[..., 1], centred[..., 0]], axis=-1)
+    places = rest - rest.mean(axis=0)
+    square = np.einsum("npi,npj->nij", normal, normal)
+    trace = np.trace(square, axis1=1, axis2=2)[:, None, None]
+    square += 1e-9 * np.maximum(trace, 1e-9) * np.eye(2)  # nothing moves: the mean pin
+    right = np.einsum("npi,npj,pj->ni", normal, normal, places)
+    return np.asarray(np.linalg.solve(square, right[..., None])[..., 0], dtype=np.float64)
+
+
+def direction_of(middle: FloatArray, tilt: FloatArray) -> tuple[float, float]:
+    """Return where a positive tilt moves the contact, and how closely the contact follows.
+
+    Args:
+        middle: (N, 2) places from ``middle_of_spread``, px.
+        tilt: (N,) tilts of the plate, deg.
+
+    Returns:
+        Direction on the frame, deg, 0: right, 90: down; correlation of the place along it with
+        the sine of the tilt.
+    """
+    sine = np.sin(np.radians(tilt))
+    slope = np.linalg.lstsq(np.column_stack([np.ones(len(sine)), sine]), middle, rcond=None)[0][1]
+    along = middle @ slope
+    alike = float(np.corrcoef(along, sine)[0, 1]) if np.ptp(along) > 0 else 0.0
+    return math.degrees(math.atan2(slope[1], slope[0])), alike
+
+
+def lean_of(shift: FloatArray, tilt: FloatArray, shear: FloatArray | None = None) -> float:
+    """Return where on the frame a positive tilt moves the contact, deg: 0 right, 90 down.
+
+    Args:
+        shift: (N, 2) mean displacement of a press's pins, px; they lean away from the contact.
+        tilt: (N,) tilts of the plate, deg.
+        shear: (N, S) labels of how the plate was dragged along.
+    """
+    columns = np.zeros((len(tilt), 0)) if shear is None else shear
+    terms = np.column_stack([np.ones(len(tilt)), np.sin(np.radians(tilt)), columns])
+    away = np.linalg.lstsq(terms, shift, rcond=None)[0][1]
+    return math.degrees(math.atan2(-away[1], -away[0]))

@@ -17,12 +17,18 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import FloatArray, Scene
-from tactibench.datasets.channels import ChannelKind
 from tactibench.datasets.labels import role_columns
-from tactibench.datasets.pivot import FEWEST, Pivot, RecordingFit, fit_recording
-from tactibench.datasets.readers.options import PLATE, ImportOptions
-from tactibench.datasets.readers.recording import Recording
-from tactibench.datasets.spreads import middle_of_spread, spread_of
+from tactibench.datasets.options import PLATE, ImportOptions
+from tactibench.datasets.pivot import (
+    FEWEST,
+    Pivot,
+    RecordingFit,
+    fit_recording,
+    middle_of_spread,
+    spread_of,
+)
+from tactibench.datasets.recording import Recording
+from tactibench.datasets.schema import ChannelKind
 from tactibench.errors import UserError
 from tactibench.records import (
     cache_folder,
@@ -209,26 +215,25 @@ def cached_report(
         return report
 
 
-def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = True) -> RecordingFit:
+def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
     """Return the result of ``fit_recording``, which is kept in the cache.
 
     Args:
         recording: Presses of a flat plate.
         options: Columns of depth and tilt.
-        side: Whether q is fitted, too; it is 0 otherwise.
 
     Raises:
         UserError: The recording cannot be fitted, see ``fit_recording``, or its pins contradict the
             labels.
     """
-    path = _cache_file("fits", recording, [options.depth, options.tilt, side])
+    path = _cache_file("fits", recording, [options.depth, options.tilt])
     try:
         stored = read_checked_json(path)
         fit = RecordingFit(
             **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
         )
     except (UserError, KeyError, TypeError):
-        fit = fit_recording(recording, options, side=side)
+        fit = fit_recording(recording, options)
         write_checked_json(path, asdict(fit))
     if contradiction := fit.contradiction():
         raise UserError(

@@ -4,11 +4,13 @@ dataset.json       the header: facts that hold for every sample; status open or 
 plan.jsonl         the presses to be recorded, where they are known beforehand
 metadata.jsonl     the journal: one line for every finished sample (a Hugging Face image folder)
 images/000000/     PNG files, 1000 in a folder; images/reference/: the undeformed sensor
-channels.f32       in place of images, where the sensor is no camera: a row of float32 a sample
+channels.f32       in place of images, where the sensor is no camera: a row of little-endian float32
+                   for every line of the journal, ``numpy.fromfile(file, "<f4")``
 events.jsonl       reference frames, stops, warnings
 splits/NAME.json   ids of training, validation and test samples
-checksums.json     hashes of header, events and splits of a data set that is closed
-.cache/  .trash/   derived arrays, and files that repairs moved aside
+
+A sample exists when its line stands in the journal. What an interrupted writer left behind the last
+line is ignored by readers, and removed when writing goes on.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ import re
 import uuid
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
 
 from tactibench.contacts import Contacts, Scene, Signal
-from tactibench.datasets.channels import ChannelKind
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
 from tactibench.png import ImageKind
@@ -39,8 +41,7 @@ EVENTS = "events.jsonl"
 IMAGES = "images"
 REFERENCE = f"{IMAGES}/reference"
 SPLITS = "splits"
-CACHE = ".cache"
-TRASH = ".trash"
+CHANNEL_FILE = "channels.f32"
 LOCK = ".lock"
 
 PER_FOLDER = 1000
@@ -59,9 +60,23 @@ Status = Literal["ok", "bad"]
 
 _FLAT = "flat"
 _REFERENCE_NAME = re.compile(rf"{REFERENCE}/(rest|\d{{6,}})\.png")
-_IMAGE_NAME = re.compile(rf"{IMAGES}/\d{{6,}}/(\d{{6,}})\.png")
 # These keys belong to one copy of a data set; they need not be equal when writing continues.
 _OWN_KEYS = ("uuid", "status", "counts", "journal_sha256")
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """Shape of every sample's channels: (C,), or (rows, columns) of an array of taxels."""
+
+    shape: tuple[int, ...]
+
+    def __str__(self) -> str:
+        return f"{'x'.join(map(str, self.shape))} channels"
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a sample."""
+        return 4 * prod(self.shape)
 
 
 @dataclass(frozen=True)
@@ -186,17 +201,6 @@ def image_name(number: int) -> str:
     return f"{IMAGES}/{number // PER_FOLDER:06d}/{number:06d}.png"
 
 
-def image_number(name: str) -> int:
-    """Return the id of an image's sample from the image's name, see ``is_image_name``."""
-    return int(name.rpartition("/")[2].removesuffix(".png"))
-
-
-def is_image_name(name: str) -> bool:
-    """Return whether this is the name of some sample's image."""
-    match = _IMAGE_NAME.fullmatch(name)
-    return match is not None and image_name(int(match[1])) == name
-
-
 def is_reference_name(name: str) -> bool:
     """Return whether this is the name of a frame of the undeformed sensor."""
     return _REFERENCE_NAME.fullmatch(name) is not None
@@ -240,8 +244,8 @@ def read_header(folder: Path) -> Header:
     version = value.get("schema_version")
     if version != SCHEMA_VERSION:
         raise UserError(
-            f"{path} has schema_version {version!r}, this tactibench reads {SCHEMA_VERSION}; "
-            "take the tactibench that wrote it, or a newer one."
+            f"{path} has schema_version {version!r}, but this tactibench reads {SCHEMA_VERSION}; "
+            "commit e6a49ac9 reads data sets of an older form, a newer tactibench those of a newer."
         )
     if value.get("dome_radius_mm") == _FLAT:
         value["dome_radius_mm"] = math.inf
@@ -262,7 +266,6 @@ def write_header(folder: Path, header: Header) -> None:
     """
     _check_header(header, "the header of the data set")
     value = asdict(header)
-    # An older tactibench reads data sets of images as long as they have no key that it lacks.
     for key in ["image"] if header.signal else ["signal", "signal_names"]:
         del value[key]
     if header.dome_radius_mm is not None and math.isinf(header.dome_radius_mm):

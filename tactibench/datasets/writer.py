@@ -1,48 +1,49 @@
 """Writing a data set so that what was acknowledged survives a crash.
 
-A sample is acknowledged when ``add`` returns. Until then: image to a temporary name, fsync, rename,
-fsync of the folder, line to the journal, fsync. Channels are added to their file instead.
-``add_many`` acknowledges several samples together and waits for the disk as often as for one.
+A sample is acknowledged when its line stands in the journal. Before that: image to a temporary
+name, fsync, rename, fsync of the folder. Channels are added to their file instead. Lines are only
+ever added, in one write, and fsync returns when the disk has them; so a crash tears the last line
+at most. ``add_many`` acknowledges several samples together and waits as often as for one.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
+from uuid import uuid4
 
 import numpy as np
 
 from tactibench.contacts import Signal
-from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind
-from tactibench.datasets.checksums import write_checksums
-from tactibench.datasets.images import (
-    discard_images,
-    rename_images,
-    signal_bytes,
-    write_images,
-)
-from tactibench.datasets.index import JournalIndex, write_index
-from tactibench.datasets.journal import Event, Journal, read_content, read_lines, repair
-from tactibench.datasets.rows import (
-    JsonTypes,
+from tactibench.datasets.dataset import Event, lines_hash, read_events, read_lines
+from tactibench.datasets.files import (
+    Split,
     json_line,
-    json_types,
     plan_hash,
     plan_lines,
     read_plan,
+    read_row,
     write_row,
+    write_split,
 )
 from tactibench.datasets.schema import (
+    CHANNEL_FILE,
     EVENTS,
+    IMAGES,
     JOURNAL,
     LOCK,
     PLAN,
     REFERENCE,
+    ChannelKind,
     Draft,
     Header,
     Sample,
@@ -51,13 +52,93 @@ from tactibench.datasets.schema import (
     resume_header,
     write_header,
 )
-from tactibench.datasets.splits import Split, write_split
-from tactibench.datasets.storage import WriterLock, make_folder, sync_all, sync_folder
 from tactibench.errors import UserError
+from tactibench.png import ImageKind, check_png, decode_png, encode_png
 from tactibench.records import atomic
 
 PlanRow = Mapping[str, Any]
 """``id`` and anything else that the recorder needs to press the sample."""
+
+_SYNC_THREADS = 16
+"""Threads that wait for the disk at once, so that it writes their files together."""
+_PLAIN_PNG = (b"\x08\x00", b"\x08\x02")
+"""Bits and colour type, at bytes 24 and 25 of a PNG: 8-bit gray and 8-bit RGB."""
+
+
+def is_plain_png(data: bytes) -> bool:
+    """Return whether a PNG can be copied into a data set: 8-bit gray or RGB, no alpha."""
+    return data[24:26] in _PLAIN_PNG
+
+
+def signal_bytes(signal: Signal | bytes, kind: ImageKind | ChannelKind, what: str) -> bytes:
+    """Return what a data set stores of a sample: the PNG file of an image, or a row of channels.
+
+    Args:
+        signal: The image, the bytes of its PNG file, the channels, or the bytes of their row; bytes
+            are stored as they are.
+        kind: Kind of the data set's images or channels.
+        what: Words for the sample, for errors.
+
+    Raises:
+        UserError: The signal differs in shape or type from those of the data set, is a PNG that a
+            data set cannot hold, or is not finite.
+    """
+    if isinstance(signal, bytes):
+        if isinstance(kind, ImageKind):
+            if check_png(what, signal) != kind or not is_plain_png(signal):
+                raise UserError(f"{what} is not an 8-bit {kind} PNG without alpha; decode it.")
+            decode_png(what, signal, kind)
+        return signal
+    array = np.asarray(signal)
+    image = isinstance(kind, ImageKind)
+    if array.shape != kind.shape or array.dtype.kind not in ("u" if image else "fiu"):
+        raise UserError(
+            f"{what} has the shape {array.shape} and type {array.dtype}, but this data set holds "
+            f"{kind}: {kind.shape} of {'uint8' if image else 'float32'}."
+        )
+    if image:
+        return encode_png(array.astype(np.uint8))
+    with np.errstate(over="ignore"):  # becomes infinite, which is refused
+        row = array.astype("<f4")
+    if not np.isfinite(row).all():
+        raise UserError(f"{what} holds a channel that is no finite number; leave the sample out.")
+    return row.tobytes()
+
+
+class Journal:
+    """A file to whose end acknowledged pieces are added.
+
+    Args:
+        path: The file.
+        size: Bytes that were acknowledged; what stands behind them is cut off.
+        fsync: Whether each ``append`` waits for the disk.
+    """
+
+    def __init__(self, path: Path, size: int, *, fsync: bool) -> None:
+        self._file = path.open("ab", buffering=0)
+        self._fsync = fsync
+        self._file.truncate(size)
+
+    def append(self, pieces: Sequence[bytes]) -> None:
+        """Add pieces in one write, and wait for the disk.
+
+        Raises:
+            OSError: The disk refused them; what was written is removed again.
+        """
+        file, data = self._file.fileno(), b"".join(pieces)
+        before = os.fstat(file).st_size
+        try:
+            if os.write(file, data) != len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._file.name)
+            if self._fsync:
+                os.fsync(file)
+        except OSError:
+            os.ftruncate(file, before)
+            raise
+
+    def close(self) -> None:
+        """Close the file; a second call does nothing."""
+        self._file.close()
 
 
 class Writer:
@@ -75,7 +156,6 @@ class Writer:
 
     Attributes:
         header: Facts that hold for every sample.
-        repaired: One sentence for each thing that an interrupted writer left and that was repaired.
 
     Raises:
         UserError: The folder holds files but no data set, a data set that is closed or has another
@@ -85,56 +165,72 @@ class Writer:
     def __init__(
         self, folder: Path, header: Header, plan: Iterable[PlanRow] = (), *, fsync: bool = True
     ) -> None:
-        make_folder(folder)
+        from filelock import FileLock, Timeout  # takes a tenth of a second to import
+
+        _make_folder(folder)
         self.folder = folder
-        self._lock = WriterLock(folder / LOCK)
+        self._lock = FileLock(folder / LOCK)
+        try:
+            self._lock.acquire(timeout=0)
+        except Timeout:
+            raise UserError(
+                f"{folder} is being written by another process; wait for it or end it."
+            ) from None
+        self._fsync, self._is_open = fsync, True
+        self._journals: dict[str, Journal] = {}
         try:
             self._begin(header, list(plan))
-            self._journal = Journal(folder / JOURNAL, fsync=fsync)
-            self._event_journal = Journal(folder / EVENTS, fsync=fsync)
-            self._channels = None
-            if self.header.signal:
-                self._channels = Journal(folder / CHANNEL_FILE, fsync=fsync)
-            sync_folder(folder)
+            _sync_folder(folder)
         except BaseException:
-            self._lock.release()
+            self.leave_open()
             raise
-        self._fsync = fsync
-        self._extra_types: JsonTypes = {}
-        for sample in self._samples.values():
-            self._extra_types = json_types(self._extra_types, sample.extra, ("extra",))
-        self._is_open = True
 
     def _begin(self, header: Header, rows: Sequence[PlanRow]) -> None:
-        """Write header and plan of a new data set, or check and repair an existing one."""
+        """Write header and plan of a new data set, or continue an existing one."""
         lines = plan_lines(rows)
         self._plan_ids = frozenset(row["id"] for row in rows)
         self.header = replace(header, plan_sha256=plan_hash(lines))
-        self._samples: dict[int, Sample] = {}
-        self._events: list[Event] = []
-        self.repaired: tuple[str, ...] = ()
         if is_dataset(self.folder):
             self.header = resume_header(self.folder, self.header)
             read_plan(self.folder / PLAN, self.header.plan_sha256)
-            content = read_content(self.folder)
-            self._samples = {sample.id: sample for sample in content.samples}
-            self._events = list(content.events)
-            self.repaired = repair(self.folder, content)
-            return
-        others = [
-            path.name
-            for path in self.folder.iterdir()
-            if not path.name.startswith(".") and path.name != PLAN
-        ]
-        if others:
-            raise UserError(
-                f"{self.folder} is not empty ({min(others)} is there) and holds no data set; name "
-                "a new folder."
-            )
-        if lines:
-            with atomic(self.folder / PLAN) as stream:
-                stream.write(lines)
-        write_header(self.folder, self.header)
+        else:
+            others = [path.name for path in self.folder.iterdir() if not path.name.startswith(".")]
+            if others and others != [PLAN]:
+                raise UserError(
+                    f"{self.folder} is not empty ({min(others)} is there) and holds no data set; "
+                    "name a new folder."
+                )
+            if lines:
+                with atomic(self.folder / PLAN) as stream:
+                    stream.write(lines)
+            write_header(self.folder, self.header)
+        self._samples: dict[int, Sample] = {}
+        written = read_lines(self.folder / JOURNAL)
+        for number, line in enumerate(written, start=1):
+            sample = read_row(line, f"{self.folder / JOURNAL} line {number}")
+            if self._samples.setdefault(sample.id, sample) is not sample:
+                raise UserError(
+                    f"{self.folder / JOURNAL} line {number} is a second one of id {sample.id}; "
+                    "remove one of them."
+                )
+        self._events = list(read_events(self.folder))
+        self._continue(JOURNAL, sum(len(line) + 1 for line in written))
+        self._continue(EVENTS, sum(len(line) + 1 for line in read_lines(self.folder / EVENTS)))
+        if isinstance(self.header.kind, ChannelKind):
+            self._continue(CHANNEL_FILE, len(written) * self.header.kind.row_bytes)
+        self._remove_unacknowledged()
+
+    def _continue(self, name: str, size: int) -> None:
+        self._journals[name] = Journal(self.folder / name, size, fsync=self._fsync)
+
+    def _remove_unacknowledged(self) -> None:
+        """Remove the images of an interrupted writer that no line names."""
+        named = {sample.file_name for sample in self._samples.values()}
+        named |= {str(event.get("file_name")) for event in self._events}
+        for path in (self.folder / IMAGES).glob("*/*"):
+            name = path.relative_to(self.folder).as_posix()
+            if path.suffix in (".png", ".part") and name not in named:
+                path.unlink()
 
     def __enter__(self) -> Self:
         return self
@@ -178,32 +274,21 @@ class Writer:
         Raises:
             UserError: An id exists already or is not in the plan, or a sample differs in kind from
                 the others; nothing was written.
-            OSError: The disk refused.
+            OSError: The disk refused; the data set is left open.
         """
         self._check_open()
         self._check_ids(drafts)
-        types = self._extra_types
-        for draft in drafts:
-            try:
-                types = json_types(types, draft.extra, ("extra",))
-            except UserError as error:
-                raise UserError(f"sample {draft.id}: {error}") from None
         kind = self.header.kind
         stored = [signal_bytes(d.signal, kind, f"the frame of sample {d.id}") for d in drafts]
-        names = [
-            CHANNEL_FILE if isinstance(kind, ChannelKind) else image_name(draft.id)
-            for draft in drafts
-        ]
         samples = [
-            draft.sample(name, hashlib.sha256(data).hexdigest())
-            for draft, name, data in zip(drafts, names, stored, strict=True)
+            draft.sample(
+                CHANNEL_FILE if isinstance(kind, ChannelKind) else image_name(draft.id),
+                hashlib.sha256(data).hexdigest(),
+            )
+            for draft, data in zip(drafts, stored, strict=True)
         ]
         lines = [write_row(sample, self.header.dome_radius_mm) for sample in samples]
-        if self._channels is None:
-            self._write_images(names, stored, self._journal, lines)
-        else:
-            self._write_channels(self._channels, stored, lines)
-        self._extra_types = types
+        self._write([sample.file_name for sample in samples], stored, JOURNAL, lines)
         self._samples.update((sample.id, sample) for sample in samples)
         return tuple(samples)
 
@@ -223,13 +308,12 @@ class Writer:
         before = [event for event in self._events if event.get("kind") == "reference"]
         if before and before[-1].get("sha256") == sha256:
             return
-        if self._channels is not None:
+        if isinstance(self.header.kind, ChannelKind):
             self.event("reference", channels=np.asarray(signal).tolist(), sha256=sha256)
             return
         name = f"{REFERENCE}/{f'{len(before):06d}' if before else 'rest'}.png"
         event = _event("reference", file_name=name, sha256=sha256)
-        line = json_line(event, "event 'reference'")
-        self._write_images([name], [data], self._event_journal, [line])
+        self._write([name], [data], EVENTS, [json_line(event, "event 'reference'")])
         self._events.append(event)
 
     def event(self, kind: str, **facts: Any) -> None:
@@ -240,7 +324,7 @@ class Writer:
         """
         self._check_open()
         event = _event(kind, **facts)
-        self._event_journal.append([json_line(event, f"event {kind!r}")])
+        self._journals[EVENTS].append([json_line(event, f"event {kind!r}")])
         self._events.append(event)
 
     def split(
@@ -266,12 +350,8 @@ class Writer:
         """
         if not self._is_open:
             return
-        if not self._fsync:
-            sync_all()
-            self._journal.sync()
-            self._event_journal.sync()
-            if self._channels is not None:
-                self._channels.sync()
+        if not self._fsync and hasattr(os, "sync"):
+            os.sync()
         if self._plan_ids <= self.done:
             samples = self.samples
             counts = {
@@ -279,63 +359,51 @@ class Writer:
                 "ok": sum(sample.status == "ok" for sample in samples),
                 "presses": len({sample.press for sample in samples}),
             }
-            journal = self._index()
+            sha256 = lines_hash(read_lines(self.folder / JOURNAL))
             self.header = replace(
-                self.header, status="closed", counts=counts, journal_sha256=journal.sha256
+                self.header, status="closed", counts=counts, journal_sha256=sha256
             )
             write_header(self.folder, self.header)
-            write_checksums(self.folder)
-            sync_folder(self.folder)
+            _sync_folder(self.folder)
         self.leave_open()
-
-    def _index(self) -> JournalIndex:
-        """Return the index of the complete journal, and write it where it saves time."""
-        lines = read_lines(self.folder / JOURNAL)
-        ends = np.cumsum([len(line) + 1 for line in lines.whole], dtype=np.int64)
-        ids = np.fromiter(self._samples, np.int64, len(self._samples))
-        good = np.array([sample.status == "ok" for sample in self._samples.values()], bool)
-        index = JournalIndex(self.folder / JOURNAL, ends, ids, good, lines.sha256, lines.torn)
-        if len(ends) == len(ids):
-            with suppress(OSError):  # it is made again when the data set is opened
-                write_index(self.folder, index)
-        return index
 
     def leave_open(self) -> None:
         """End writing for now; another writer may continue."""
-        if self._is_open:
-            self._is_open = False
-            self._journal.close()
-            self._event_journal.close()
-            if self._channels is not None:
-                self._channels.close()
-            self._lock.release()
+        self._is_open = False
+        for journal in self._journals.values():
+            journal.close()
+        self._lock.release()
 
-    def _write_images(
-        self, names: Sequence[str], files: Sequence[bytes], journal: Journal, lines: Sequence[bytes]
+    def _write(
+        self, names: Sequence[str], stored: Sequence[bytes], journal: str, lines: Sequence[bytes]
     ) -> None:
-        """Write images, then the lines that name them: a line never names a missing image."""
+        """Write signals, then the lines that acknowledge them."""
         try:
-            write_images(self.folder, names, files, fsync=self._fsync)
+            if CHANNEL_FILE in self._journals:
+                self._journals[CHANNEL_FILE].append(stored)
+            else:
+                self._write_images([self.folder / name for name in names], stored)
+            self._journals[journal].append(lines)
         except BaseException:
-            discard_images(self.folder, names)
-            raise
-        try:
-            rename_images(self.folder, names, fsync=self._fsync)
-            journal.append(lines)
-        except BaseException:
-            self.leave_open()  # what is half written is repaired when the folder is opened again
+            self.leave_open()  # what no line names is removed when writing goes on
             raise
 
-    def _write_channels(
-        self, channels: Journal, rows: Sequence[bytes], lines: Sequence[bytes]
-    ) -> None:
-        """Write rows of channels, then the lines that acknowledge them."""
-        try:
-            channels.append(rows)
-            self._journal.append(lines)
-        except BaseException:
-            self.leave_open()  # rows without a line are cut off when the folder is opened again
-            raise
+    def _write_images(self, paths: Sequence[Path], files: Sequence[bytes]) -> None:
+        """Write images under temporary names, wait for the disk, and give them their names."""
+        folders = {path.parent for path in paths}
+        for place in folders:
+            _make_folder(place)
+        temporary = [path.with_name(f".{path.name}.part") for path in paths]
+        for part, data in zip(temporary, files, strict=True):
+            part.write_bytes(data)
+        if self._fsync:
+            with ThreadPoolExecutor(_SYNC_THREADS) as pool:
+                list(pool.map(_sync_file, temporary))  # an error of a thread is raised here
+        for part, path in zip(temporary, paths, strict=True):
+            part.replace(path)
+        if self._fsync:
+            for place in folders:
+                _sync_folder(place)
 
     def _check_open(self) -> None:
         if not self._is_open:
@@ -356,3 +424,62 @@ class Writer:
 
 def _event(kind: str, **facts: Any) -> dict[str, Any]:
     return {"kind": kind, "time": datetime.now(UTC).isoformat(timespec="milliseconds"), **facts}
+
+
+def _sync_file(path: Path) -> None:
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until the disk has the names in a folder, where the system can open folders."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # Windows: names are durable with the file
+        return
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _make_folder(folder: Path) -> None:
+    """Make a folder and those above it, each name durable."""
+    if not folder.is_dir():
+        _make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        _sync_folder(folder.parent)
+
+
+@contextmanager
+def new_folder(target: Path, source: Path) -> Iterator[Path]:
+    """Yield a temporary folder beside ``target``, which takes its name when the block succeeds.
+
+    Args:
+        target: The folder to make.
+        source: Folder of the data set, into which nothing may be written.
+
+    Raises:
+        UserError: ``target`` is a file, holds something, lies in ``source``, or has no parent.
+    """
+    target = target.absolute()
+    if not target.parent.is_dir():
+        raise UserError(f"the folder {target.parent} is not there; make it first.")
+    if target.resolve().is_relative_to(source.resolve()):
+        raise UserError(f"{target} lies in the data set {source}; give a folder outside of it.")
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise UserError(f"{target} is a file or a link; give the name of a new folder.")
+    if target.is_dir() and any(target.iterdir()):
+        raise UserError(
+            f"{target} holds files already; give the name of a new folder, nothing is overwritten."
+        )
+    temporary = target.with_name(f".{target.name}.{uuid4().hex[:8]}")
+    temporary.mkdir()
+    try:
+        yield temporary
+        if target.is_dir():  # empty; a folder takes the place of an empty one on POSIX only
+            target.rmdir()
+        temporary.rename(target)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise

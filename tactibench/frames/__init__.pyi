@@ -32,6 +32,7 @@ from .recorded import divide_by_parts as divide_by_parts
 from .recorded import published_frames as published_frames
 from .reference import ReferenceFrames as ReferenceFrames
 from .services import Service as Service
+from .services import served_protocols as served_protocols
 from .source import FramePlan as FramePlan
 from .source import FrameRequest as FrameRequest
 from .source import FrameSet as FrameSet

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactibench.contacts import Scene
-from tactibench.datasets import ImportOptions, Recording, own_workspace, plate_scenes
+from tactibench.datasets import ImportOptions, Recording, own_workspace
 from tactibench.errors import UserError
 from tactibench.frames.matching import describe_draw, describe_range, match
 from tactibench.protocols import Protocol, in_range, load_protocol, protocol_files
@@ -32,7 +32,7 @@ class Service:
     reason: str
 
 
-def services(recording: Recording, contradictions: Sequence[str] = ()) -> list[Service]:
+def served_protocols(recording: Recording, contradictions: Sequence[str] = ()) -> list[Service]:
     """Return, for every protocol that ships, whether ``run --data`` can take the recording.
 
     Args:
@@ -47,7 +47,7 @@ def services(recording: Recording, contradictions: Sequence[str] = ()) -> list[S
     ]
     scenes, presses = [scene for scene, _ in labelled], [press for _, press in labelled]
     workspace = own_workspace(scenes, recording.dome_radius_mm)
-    services = []
+    answers = []
     for name in sorted(protocol_files()):
         protocol = load_protocol(name).spec
         if protocol.recorded is not None:
@@ -57,8 +57,8 @@ def services(recording: Recording, contradictions: Sequence[str] = ()) -> list[S
             served, reason = _tips(pressed, scenes, presses)
         if served and contradictions:
             served, reason = False, f"its frames contradict the labels: {contradictions[0]}"
-        services.append(Service(name, protocol.title, served, reason))
-    return services
+        answers.append(Service(name, protocol.title, served, reason))
+    return answers
 
 
 def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:
@@ -72,7 +72,7 @@ def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:
     if scenes:
         return False, f"its frames are of {_kinds(scenes)}, not of a plate"
     try:
-        _, roles = plate_scenes(recording, ImportOptions())
+        _, roles = recording.plate_scenes(ImportOptions())
     except UserError as error:
         return False, f"no labels of a plate ({str(error).rstrip('.')}); {SURFACE_HINT}"
     return True, (

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from tactibench.cli.data_info import draw_sheet
+
 from tactibench.datasets import (
     BINS,
     changing_labels,

@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from tactibench.datasets.channels import ChannelKind
-from tactibench.datasets.readers.folder import FolderContent, read_labels, read_presses
-from tactibench.datasets.readers.options import SKIP, ImportOptions
-from tactibench.datasets.readers.recording import FloatArray, Recording
-from tactibench.datasets.readers.table import Table, read_table
+from tactibench.datasets.folder import read_labels
+from tactibench.datasets.options import SKIP, ImportOptions
+from tactibench.datasets.recording import FloatArray, Recording
+from tactibench.datasets.schema import ChannelKind
+from tactibench.datasets.tables import Table, read_table
 from tactibench.errors import UserError
 from tactibench.png import read_file
 
@@ -47,42 +48,19 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
     values, times, names = _read_channels(channel_path, channel_data, options)
     rows, partners = _join(table, values, times, channel_path, options)
     frames = tuple(f"row-{row + 1:06d}" for row in range(len(table)))
-    content = FolderContent(
+    partner_values = values[partners]
+    return Recording(
         format="channels",
         generation=f"{table.path.name}, {channel_path.name}",
         folder=folder,
-        table=table,
-        data=data,
-        name_column="",
-        frame_folders=(folder,),
-        label_columns=None,
-        rest_folder=folder,
-    )
-    labels = read_labels(content, frames, options)
-    presses = read_presses(table, options) or labels.presses
-    partner_values = values[partners]
-    return Recording(
-        format=content.format,
-        generation=content.generation,
-        folder=folder,
         table=table.path,
-        names=tuple(frames[row] for row in rows),
         paths=(),
         frames=channel_path,
         stored=ChannelKind(values.shape[1:]),
         rest=None,
-        labels={name: column[rows] for name, column in labels.labels.items()},
-        scenes=tuple(labels.scenes[row] for row in rows),
-        presses=tuple(presses[row] for row in rows),
         sha256=hashlib.sha256(len(data).to_bytes(8, "little") + data + channel_data).hexdigest(),
-        columns=labels.roles,
-        extra={
-            name: tuple(table.cells[name][row] for row in rows)
-            for name in table.columns
-            if name not in labels.columns
-        },
-        dome_radius_mm=labels.dome_radius_mm,
         notes=_notes(table, len(table) - len(rows), partner_values, names),
+        **read_labels(table, frames, rows, options),
         values=partner_values,
         signal_names=names,
     )
@@ -111,7 +89,7 @@ def read_label_table(folder: Path, options: ImportOptions) -> tuple[Table, bytes
             f"{path} holds no columns of labels; give one-dimensional arrays of one length above 0."
         )
     cells = {name: [repr(v) for v in array.tolist()] for name, array in columns.items()}
-    return Table(path, cells), data
+    return Table(path, pd.DataFrame(cells, dtype=str)), data
 
 
 def _inside(folder: Path, name: str) -> Path:
@@ -214,13 +192,11 @@ def _join(
         rows = list(range(len(table)))
         return rows, rows
     wanted = table.numbers(table.column(options.join))
-    order = np.argsort(times, kind="stable")
-    after = np.clip(np.searchsorted(times[order], wanted), 1, max(1, len(times) - 1))
-    before = order[after - 1]
-    later = order[np.minimum(after, len(times) - 1)]
-    is_before = np.abs(times[before] - wanted) <= np.abs(times[later] - wanted)
-    nearest = np.where(is_before, before, later)
-    apart_ms = 1e3 * np.abs(times[nearest] - wanted)
+    left = pd.DataFrame({"time": wanted, "row": range(len(wanted))}).sort_values("time")
+    right = pd.DataFrame({"time": times, "at": times, "partner": range(len(times))})
+    right = right.sort_values("time", kind="stable")
+    joined = pd.merge_asof(left, right, on="time", direction="nearest").sort_values("row")
+    apart_ms = 1e3 * np.abs(joined["at"].to_numpy() - wanted)
     alone = np.flatnonzero(apart_ms > options.tolerance_ms)
     if len(alone) and (options.missing != SKIP or len(alone) == len(table)):
         raise UserError(
@@ -229,8 +205,8 @@ def _join(
             f"({len(alone):,} such rows); "
             "correct the times, or leave those rows out with --param missing=skip."
         )
-    joined = np.flatnonzero(apart_ms <= options.tolerance_ms)
-    return joined.tolist(), nearest[joined].tolist()
+    near = np.flatnonzero(apart_ms <= options.tolerance_ms)
+    return near.tolist(), joined["partner"].to_numpy()[near].tolist()
 
 
 def _notes(

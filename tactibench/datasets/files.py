@@ -1,4 +1,4 @@
-"""Lines of metadata.jsonl and plan.jsonl: samples and scenes as JSON, and back.
+"""Files of a data set: lines of metadata.jsonl and plan.jsonl, and splits/NAME.json, and back.
 
 Every key always has the same type, and unknown values are left out. Readers that take the type of a
 column from its first values (Hugging Face image folders, Arrow) then agree on it.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,18 @@ from typing import Any
 from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
 
 from tactibench.contacts import Indenter, Pose, Scene
-from tactibench.datasets.channels import CHANNEL_FILE
-from tactibench.datasets.schema import Sample, Status, contacts_of, image_name
+from tactibench.datasets.schema import (
+    CHANNEL_FILE,
+    SPLITS,
+    Sample,
+    Status,
+    contacts_of,
+    image_name,
+)
 from tactibench.errors import UserError
 from tactibench.png import read_file
 from tactibench.protocols import first_mistake
+from tactibench.records import read_json, write_json
 
 POSE_KEYS = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
 MOVE_KEYS = ("dx_mm", "dy_mm", "dyaw_deg")
@@ -157,7 +165,10 @@ def read_row(line: bytes, where: str) -> Sample:
     Raises:
         UserError: The line is damaged.
     """
-    row = _parse(line, where)
+    try:
+        row = _ROW_FILE.validate_json(line)
+    except ValidationError as error:
+        raise UserError(f"{where}: {first_mistake(error, Row)}") from None
     if row.file_name not in (image_name(row.id), CHANNEL_FILE):
         raise UserError(
             f"{where}: file_name is {row.file_name!r}, but the image of id {row.id} is "
@@ -176,40 +187,6 @@ def read_row(line: bytes, where: str) -> Sample:
         row.t_frame_ns,
         row.extra,
     )
-
-
-def check_contacts(line: bytes, where: str, dome_radius_mm: float | None) -> None:
-    """Check that the contacts of a line are those of its scene.
-
-    Args:
-        line: Line of metadata.jsonl.
-        where: File and line, the beginning of an error's sentence.
-        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
-
-    Raises:
-        UserError: The contacts differ from those of the scene.
-    """
-    row = _parse(line, where)
-    contacts = contacts_of(row.scene(where), dome_radius_mm)
-    written = [*(value for xy in row.contacts_xy_mm for value in xy), *row.contacts_depth_mm]
-    expected: list[float] = []
-    if contacts is not None:
-        expected = [*contacts.xy.ravel().tolist(), *contacts.depth.tolist()]
-    # Contacts are computed, and the sine of another machine differs in its last digits.
-    close = len(written) == len(expected) and all(
-        math.isclose(a, b, rel_tol=0, abs_tol=1e-6) for a, b in zip(written, expected, strict=True)
-    )
-    if row.n_contacts != (None if contacts is None else len(contacts)) or not close:
-        raise UserError(
-            f"{where}: the contacts are not those of the indenter at this pose; restore the line."
-        )
-
-
-def _parse(line: bytes, where: str) -> Row:
-    try:
-        return _ROW_FILE.validate_json(line)
-    except ValidationError as error:
-        raise UserError(f"{where}: {first_mistake(error, Row)}") from None
 
 
 def json_line(value: dict[str, Any], what: str) -> bytes:
@@ -293,45 +270,106 @@ def read_optional(path: Path) -> bytes:
     return read_file(path) if path.exists() else b""
 
 
-JsonTypes = dict[tuple[str, ...], str]
-"""Place of a value, by the keys above it, and the name of its type; "[]" stands for list items."""
+SUBSETS = ("train", "validation", "test")
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+# Hugging Face's image folders look for these words in names of files. Where one file has such a
+# name, they read that file alone.
+_SUBSET_WORDS = "train|training|validation|valid|dev|val|test|testing|eval|evaluation"
+_SUBSET = re.compile(rf"(?:^|[-._0-9])({_SUBSET_WORDS})(?=[-._0-9]|$)")
 
 
-def json_types(before: JsonTypes, value: Any, where: tuple[str, ...]) -> JsonTypes:
-    """Return the types that were known before and those of a value, which may be null.
+@dataclass(frozen=True)
+class Split:
+    """Ids of three subsets; the samples of one press are in one subset only."""
 
-    Args:
-        before: The types that were known before.
-        value: A JSON value.
-        where: Keys above the value.
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid")
+
+    train: tuple[int, ...]
+    validation: tuple[int, ...]
+    test: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, train: Sequence[int] = (), validation: Sequence[int] = (), test: Sequence[int] = ()
+    ) -> Split:
+        """Return the split with these ids, which are sorted in each subset."""
+        lists = (train, validation, test)
+        return cls(*(tuple(sorted(int(number) for number in ids)) for ids in lists))
+
+    def subset_of(self) -> dict[int, str]:
+        """Return id -> the subset that it is in."""
+        return {number: subset for subset in SUBSETS for number in getattr(self, subset)}
+
+
+_SPLIT_FILE = TypeAdapter(Split)
+
+
+def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]) -> None:
+    """Write splits/NAME.json.
 
     Raises:
-        UserError: A place changes its type, which would break readers of the journal, or the value
-            is no JSON.
+        UserError: An id is no sample or is named twice, a press is in two subsets, the name cannot
+            be used, or another split has the name.
     """
-    types = dict(before)
-    for place, kind in _places(value, where):
-        if types.setdefault(place, kind) != kind:
-            raise UserError(
-                f"{'.'.join(place)} holds {kind} after {types[place]}; a key has one type in all "
-                "samples (write 1.0 rather than 1 where others are 0.5)."
-            )
-    return types
-
-
-def _places(value: Any, where: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield place and type of a value and of everything in it."""
-    for scalar in (bool, int, float, str):  # a bool is an int, so it comes first
-        if isinstance(value, scalar):
-            yield where, scalar.__name__
+    if not _NAME.fullmatch(name):
+        raise UserError(
+            f"a split cannot be called {name!r}; a name has letters, digits, '-', '_' and '.'."
+        )
+    if subset := _SUBSET.search(name):
+        raise UserError(
+            f"a split cannot be called {name!r}: with {subset[1]!r} in a file's name, Hugging Face "
+            "loads that file alone; call the split after how it divides, such as 'by-press'."
+        )
+    check_split(split, samples, f"split {name!r}")
+    path = folder / SPLITS / f"{name}.json"
+    if path.exists():
+        if read_split(path) == split:
             return
-    if isinstance(value, Mapping):
-        yield where, "an object"
-        for key, item in value.items():
-            yield from _places(item, (*where, str(key)))
-    elif isinstance(value, Sequence):
-        yield where, "a list"
-        for item in value:
-            yield from _places(item, (*where, "[]"))
-    elif value is not None:
-        raise UserError(f"{value!r} is no JSON value; write text, numbers, lists and objects.")
+        raise UserError(f"{path} is there already and divides otherwise; take another name.")
+    write_json(path, {subset: list(getattr(split, subset)) for subset in SUBSETS})
+
+
+def check_split(split: Split, samples: Iterable[Sample], where: str) -> None:
+    """Check that every id is a sample, once, and that no press is in two subsets.
+
+    Raises:
+        UserError: An id is no sample or is named twice, or a press is in two subsets; the sentence
+            begins with ``where``.
+    """
+    press = {sample.id: sample.press for sample in samples}
+    subset_of_id: dict[int, str] = {}
+    first_of_press: dict[str, tuple[str, int]] = {}
+    for subset in SUBSETS:
+        for number in getattr(split, subset):
+            if number not in press:
+                raise UserError(f"{where} names id {number} in {subset}, which is no sample.")
+            if number in subset_of_id:
+                raise UserError(
+                    f"{where} names id {number} in {subset_of_id[number]} and again in {subset}; "
+                    "a sample is in one part, once."
+                )
+            subset_of_id[number] = subset
+            first, other = first_of_press.setdefault(press[number], (subset, number))
+            if first != subset:
+                raise UserError(
+                    f"{where} leaks: ids {other} ({first}) and {number} ({subset}) are of one "
+                    f"press, {press[number]!r}; keep all samples of a press in one part."
+                )
+
+
+def read_split(path: Path) -> Split:
+    """Read a split.
+
+    Raises:
+        UserError: The file is damaged.
+    """
+    try:
+        return _SPLIT_FILE.validate_json(json.dumps(read_json(path)))
+    except ValidationError as error:
+        raise UserError(f"{path}: {first_mistake(error, Split)}") from None
+
+
+def split_files(folder: Path) -> Mapping[str, Path]:
+    """Return name -> file of every split of a data set."""
+    return {path.stem: path for path in sorted((folder / SPLITS).glob("[!.]*.json"))}

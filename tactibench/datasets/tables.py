@@ -6,26 +6,24 @@ are read where the columns are separated by something else and no cell has a dec
 
 from __future__ import annotations
 
-import csv
 import io
-import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from tactibench.errors import UserError
 
 FloatArray = npt.NDArray[np.float64]
 
 _SEPARATORS = ",;\t"
-_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
-_COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
-_POINT_NUMBER = re.compile(r"\s*[+-]?\d*\.\d+([eE][+-]?\d+)?\s*")
+_NUMBER = r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*"
+_COMMA_NUMBER = r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*"
+_POINT_NUMBER = r"\s*[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?\s*"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,23 +32,23 @@ class Table:
 
     Attributes:
         path: The file, for errors.
-        cells: Column -> texts, all of the same length.
+        cells: The texts, a column each.
         comma: Whether numbers have decimal commas.
         header: Whether the names of the columns stand in the file; else they are column_1 ....
     """
 
     path: Path
-    cells: Mapping[str, Sequence[str]]
+    cells: pd.DataFrame
     comma: bool = False
     header: bool = True
 
     def __len__(self) -> int:
-        return len(next(iter(self.cells.values()), ()))
+        return len(self.cells)
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns, in the order of the file."""
-        return tuple(self.cells)
+        return tuple(self.cells.columns)
 
     def column(self, *names: str) -> str:
         """Return the first of the names that is a column.
@@ -80,16 +78,22 @@ class Table:
         Raises:
             UserError: A cell is no finite number; the sentence names its row.
         """
-        numbers = self._parse(column)
+        numbers, cells = self._parse(column), self.cells[column]
         wrong = ~np.isfinite(numbers)
         if allow_empty:
-            wrong &= [cell.strip() != "" for cell in self.cells[column]]
+            wrong &= cells.str.strip() != ""
         bad = np.flatnonzero(wrong)
         if len(bad):
-            cell = self.cells[column][bad[0]]
+            cell = cells.iloc[bad[0]]
+            advice = "fix or remove them."
+            if re.fullmatch(_COMMA_NUMBER, cell):
+                advice = (
+                    "the file uses decimal commas: write points, or separate the columns by ';' "
+                    "and write all numbers with commas."
+                )
             raise UserError(
                 f"{self.path} row {bad[0] + 1}: {column} is {cell!r}, but it must be a finite "
-                f"number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); {_advice(cell)}"
+                f"number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); {advice}"
             )
         return numbers
 
@@ -99,13 +103,12 @@ class Table:
 
     def _parse(self, column: str) -> FloatArray:
         """Return the values of a column, NaN where a cell is no number."""
-        cells = self.cells[column]
+        cells = self.cells[column].astype(object)
         if self.comma:
-            cells = [cell.replace(",", ".") for cell in cells]
-        return np.array(
-            [float(cell) if _NUMBER.fullmatch(cell) else math.nan for cell in cells],
-            dtype=np.float64,
-        )
+            cells = cells.str.replace(",", ".")
+        # Python's float() rounds correctly, pandas' own parser of numbers does not.
+        numbers = cells.where(cells.str.fullmatch(_NUMBER)).astype(float)
+        return np.asarray(numbers.to_numpy(), dtype=np.float64)
 
 
 def read_table(path: Path, data: bytes) -> Table:
@@ -118,63 +121,38 @@ def read_table(path: Path, data: bytes) -> Table:
     try:
         text = data.decode("utf-8-sig")
         separator = max(_SEPARATORS, key=text.partition("\n")[0].count)
-        rows = [
-            row for row in csv.reader(io.StringIO(text, newline=""), delimiter=separator) if row
-        ]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise UserError(f"{path} is not a readable CSV file: {error}.") from None
-    if not rows:
-        raise UserError(f"{path} is empty; it must have a header and one row a frame.")
-    headed = not all(_NUMBER.fullmatch(cell) for cell in rows[0])
-    if not headed:  # a first line of numbers alone is no header
-        rows.insert(0, [f"column_{number}" for number in range(1, len(rows[0]) + 1)])
-    header, *rows = rows
-    if not rows:
+        rows = pd.read_csv(
+            io.StringIO(text), sep=separator, header=None, dtype=str, keep_default_na=False
+        ).fillna("")
+    except pd.errors.EmptyDataError:
+        raise UserError(f"{path} is empty; it must have a header and one row a frame.") from None
+    except (UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise UserError(
+            f"{path} is not a readable CSV file: {str(error).strip()}; fix the file (numbers with "
+            "decimal commas need columns separated by ';')."
+        ) from None
+    names = [name.strip() or f"column {number}" for number, name in enumerate(rows.iloc[0], 1)]
+    headed = not rows.iloc[0].str.fullmatch(_NUMBER).all()
+    if headed:
+        rows = rows.iloc[1:].reset_index(drop=True)
+    else:  # a first line of numbers alone is no header
+        names = [f"column_{number}" for number in range(1, len(names) + 1)]
+    if not len(rows):
         raise UserError(f"{path} has a header but no rows; it must list at least one frame.")
-    names = [name.strip() or f"column {number}" for number, name in enumerate(header, start=1)]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise UserError(f"{path} has two columns {twice[0]!r}; rename or remove one.")
-    if any(len(row) > len(names) for row in rows):
+    cells = rows.set_axis(names, axis=1)
+    return Table(path, cells, separator != "," and _has_decimal_commas(path, cells), headed)
+
+
+def _has_decimal_commas(path: Path, cells: pd.DataFrame) -> bool:
+    texts = cells.stack()
+    comma, point = (texts[texts.str.fullmatch(kind)] for kind in (_COMMA_NUMBER, _POINT_NUMBER))
+    if len(comma) and len(point):
         raise UserError(
-            f"{path} has rows with more fields than its header; fix the file (numbers with "
-            "decimal commas need columns separated by ';')."
+            f"{path} row {comma.index[0][0] + 1} has the number {comma.iloc[0]!r} with a decimal "
+            f"comma, row {point.index[0][0] + 1} has {point.iloc[0]!r} with a point; write all "
+            "numbers in one way."
         )
-    cells = {
-        name: [row[index] if index < len(row) else "" for row in rows]
-        for index, name in enumerate(names)
-    }
-    comma = separator != "," and _has_decimal_commas(path, cells)
-    return Table(path, cells, comma, headed)
-
-
-def _has_decimal_commas(path: Path, cells: Mapping[str, Sequence[str]]) -> bool:
-    comma, point = (_find_cell(cells, pattern) for pattern in (_COMMA_NUMBER, _POINT_NUMBER))
-    if comma and point:
-        raise UserError(
-            f"{path} row {comma[0]} has the number {comma[1]!r} with a decimal comma, row "
-            f"{point[0]} has {point[1]!r} with a point; write all numbers in one way."
-        )
-    return comma is not None
-
-
-def _find_cell(
-    cells: Mapping[str, Sequence[str]], pattern: re.Pattern[str]
-) -> tuple[int, str] | None:
-    """Return row and text of the first cell that the pattern fits."""
-    matches = (
-        (row, cell)
-        for column in cells.values()
-        for row, cell in enumerate(column, start=1)
-        if pattern.fullmatch(cell)
-    )
-    return next(matches, None)
-
-
-def _advice(cell: str) -> str:
-    if _COMMA_NUMBER.fullmatch(cell):
-        return (
-            "the file uses decimal commas: write points, or separate the columns by ';' and write "
-            "all numbers with commas."
-        )
-    return "fix or remove them."
+    return len(comma) > 0

@@ -1,1 +1,0 @@
-"""Readers of recordings: Bristol folders, CSV files, Hugging Face image folders, data sets."""

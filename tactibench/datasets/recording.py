@@ -1,0 +1,462 @@
+"""A recording of any format: frames on the disk with their labels.
+
+Pins are cut out of raw pictures, and a rest frame that is missing is estimated.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Scene, Signal
+from tactibench.datasets.dataset import Dataset, Image, open_dataset
+from tactibench.datasets.files import Split
+from tactibench.datasets.labels import role_columns, scenes_of
+from tactibench.datasets.options import AS_IS, AUTO, PLATE, ImportOptions
+from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Sample
+from tactibench.errors import UserError
+from tactibench.images import gray
+from tactibench.markers import PinView, find_pin_view, is_raw
+from tactibench.png import ImageKind, decode_png, read_file
+
+FloatArray = npt.NDArray[np.float64]
+
+SOURCE_NAME = "source_name"
+"""Key of a sample's ``extra``: the name of its frame in the folder that was imported."""
+BINS = 16
+"""Bins of a histogram: as many as fit beside the numbers on a terminal."""
+PIN_FRAMES = 64
+"""Frames in which pins are counted: enough for a median, few enough for a second of work."""
+
+_BARS = " ▁▂▃▄▅▆▇█"
+_POSE = ("x", "y", "yaw", "tilt", "depth")
+_SHOWN_LABELS = 3
+_FIRST_LABELS = (
+    "pose.depth",
+    "pose.tilt",
+    "pose.x",
+    "pose.y",
+    "pose_2",
+    "pose_6",
+    "pose_y",
+    "pose_Rz",
+)
+"""Labels that say most; they come first."""
+_PROBES = 5
+"""Frames that are tested for raw pictures where there is no rest frame."""
+_LIGHT_MM = 0.3
+"""Depth to which a tip counts as hardly pressed: pins move by less than a tenth of it."""
+_FEWEST, _MOST = 9, 25
+"""Numbers of hardly pressed frames from which the rest frame is estimated: in the median of nine at
+different places, the two or three in which a pin was moved do not count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """N frames with their labels; every file was read once and is sound.
+
+    Attributes:
+        format: "bristol", "csv", "huggingface" or "v1".
+        generation: The variant of the format, in words.
+        folder: The folder that was opened.
+        table: The file of the labels.
+        names: Unique names of the frames, in the order of the table.
+        paths: Files of the frames; () where one file holds the channels of all.
+        frames: The folder of these files, or the file of all channels.
+        stored: Size and colours of every file, or the shape of its channels.
+        rest: File of the undeformed frame.
+        labels: Column -> (N,) mm or deg, NaN where a frame has no such label.
+        scenes: Scene of every frame, None where only labels are known.
+        presses: Name of the press of every frame; frames of one press share it.
+        sha256: Hash over the table and the frames.
+        columns: Role, such as "depth" -> column.
+        extra: Other columns -> (N,) texts.
+        splits: Name -> split of row numbers.
+        about: Name of a file beside the table -> its content; of a data set, its source.
+        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
+        notes: Sentences about facts that were left out or are missing.
+        values: (N, ...) float32 channels, of a sensor without a camera.
+        signal_names: Names of the channels.
+        view: Part of raw pictures that shows the pins; frames are this part of them.
+        estimated_rest: The undeformed frame, estimated from frames that were hardly pressed.
+        dataset: The data set that was opened; None for other formats.
+        rows: Numbers of the data set's samples that are the frames.
+    """
+
+    format: str
+    generation: str
+    folder: Path
+    table: Path
+    names: tuple[str, ...]
+    paths: tuple[Path, ...]
+    frames: Path
+    stored: ImageKind | ChannelKind
+    rest: Path | None
+    labels: Mapping[str, FloatArray]
+    scenes: tuple[Scene | None, ...]
+    presses: tuple[str, ...]
+    sha256: str
+    columns: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    splits: Mapping[str, Split] = field(default_factory=dict)
+    about: Mapping[str, Any] = field(default_factory=dict)
+    dome_radius_mm: float | None = None
+    notes: tuple[str, ...] = ()
+    values: npt.NDArray[np.float32] | None = field(default=None, repr=False)
+    signal_names: tuple[str, ...] = ()
+    view: PinView | None = None
+    estimated_rest: Image | None = field(default=None, repr=False)
+    dataset: Dataset | None = None
+    rows: tuple[int, ...] = ()
+
+    @property
+    def kind(self) -> ImageKind | ChannelKind:
+        """Size and colours of every frame, or the shape of its channels."""
+        if self.view is None:
+            return self.stored
+        return ImageKind(self.view.size, self.view.size, colour=False)
+
+    @property
+    def channels(self) -> Literal[1, 3]:
+        """1 for gray, 3 for RGB."""
+        return 3 if isinstance(self.kind, ImageKind) and self.kind.colour else 1
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def signal(self, row: int) -> Signal:
+        """Return the signal of a frame: its image, or its channels.
+
+        Raises:
+            UserError: The file was changed since the recording was opened.
+        """
+        if self.dataset is not None:
+            return self.dataset.signal(self.dataset.samples[self.rows[row]])
+        return self._decode(self.paths[row]) if self.values is None else self.values[row]
+
+    def rest_signal(self) -> Signal | None:
+        """Return the signal of the undeformed sensor; None where there is none.
+
+        Raises:
+            UserError: The file cannot be decoded.
+        """
+        if self.dataset is not None:
+            return self.dataset.rest
+        return self.estimated_rest if self.rest is None else self._decode(self.rest)
+
+    def image(self, row: int) -> Image:
+        """Return a frame, (H, W) or RGB (H, W, 3) uint8.
+
+        Raises:
+            UserError: The file was changed since the recording was opened, or the frames are
+                channels.
+        """
+        if isinstance(self.kind, ChannelKind):
+            raise UserError(f"the frames of {self.folder} are {self.kind} and no images.")
+        return cast("Image", self.signal(row))
+
+    @property
+    def rest_name(self) -> str | None:
+        """Name of the frame of the undeformed sensor; None where there is none."""
+        if self.estimated_rest is not None:
+            return "estimated from the least pressed frames"
+        if self.rest is not None:
+            return self.rest.name
+        return None if self.rest_signal() is None else "rest"
+
+    def rest_image(self) -> Image | None:
+        """Return the undeformed frame, see ``rest_signal``; None where there is no image."""
+        rest = None if isinstance(self.kind, ChannelKind) else self.rest_signal()
+        return cast("Image | None", rest)
+
+    def complete_labels(self) -> dict[str, FloatArray]:
+        """Return the labels that every frame has."""
+        return {name: values for name, values in self.labels.items() if not np.isnan(values).any()}
+
+    def plate_scenes(self, options: ImportOptions) -> tuple[tuple[Scene, ...], dict[str, str]]:
+        """Read the labels as those of a plate.
+
+        Returns:
+            The scene of every frame, and role -> column.
+
+        Raises:
+            UserError: A column is missing, or the depth column never changes.
+        """
+        labels = self.complete_labels()
+        columns = role_columns(options, PLATE, labels, self.table)
+        return scenes_of(labels, columns, options, PLATE, self.table) or (), columns
+
+    def _decode(self, path: Path) -> Image:
+        image = decode_png(path, read_file(path), cast("ImageKind", self.stored))
+        return image if self.view is None else self.view.of(image)
+
+
+def read_dataset(folder: Path) -> Recording:
+    """Read the good samples of a data set as a recording.
+
+    Raises:
+        UserError: The data set has no good sample, or is damaged.
+    """
+    dataset = open_dataset(folder)
+    header = dataset.header
+    good = {row: sample for row, sample in enumerate(dataset.samples) if sample.status == "ok"}
+    samples = list(good.values())
+    if not samples:
+        raise UserError(f"{folder} holds no sample that is not bad; record or import some.")
+    bad = len(dataset.samples) - len(samples)
+    notes = []
+    if bad:
+        notes.append(f"{bad:,} bad sample{'s' if bad > 1 else ''} left out.")
+    if dataset.rest is None:
+        notes.append("no frame of the undeformed sensor.")
+    return Recording(
+        format="v1",
+        generation=f"schema {header.schema_version}, {header.status}",
+        folder=folder,
+        table=folder / JOURNAL,
+        names=_frame_names(samples),
+        paths=tuple(folder / sample.file_name for sample in samples),
+        frames=folder / IMAGES,
+        stored=header.kind,
+        signal_names=header.signal_names,
+        rest=None,
+        labels={
+            name: np.array([sample.labels.get(name, np.nan) for sample in samples], np.float64)
+            for name in dict.fromkeys(name for sample in samples for name in sample.labels)
+        },
+        scenes=tuple(sample.scene for sample in samples),
+        presses=tuple(sample.press for sample in samples),
+        sha256=dataset.sha256,
+        about=dict(header.source),
+        dome_radius_mm=header.dome_radius_mm,
+        notes=tuple(notes),
+        dataset=dataset,
+        rows=tuple(good),
+    )
+
+
+def _frame_names(samples: Sequence[Sample]) -> tuple[str, ...]:
+    """Return the names that frames had before an import, or their files where names repeat."""
+    names = [str(sample.extra.get(SOURCE_NAME, sample.file_name)) for sample in samples]
+    if max(Counter(names).values()) > 1:
+        names = [sample.file_name for sample in samples]
+    return tuple(names)
+
+
+def prepare_frames(recording: Recording, light: str) -> Recording:
+    """Return the recording with a view of its pins where frames are raw, and a rest frame.
+
+    Args:
+        recording: A recording of images.
+        light: "even" cuts pins out of pictures, "as_is" does not, "auto" does where they are raw.
+
+    Raises:
+        UserError: Pins are to be cut out, and none are found.
+    """
+    probes = np.linspace(0, len(recording) - 1, min(_PROBES, len(recording))).round().astype(int)
+    try:
+        rest = recording.rest_image()
+        images = [recording.image(row) for row in probes.tolist()] if rest is None else [rest]
+    except UserError:  # reported where the frame is needed; the labels can be read
+        return recording
+    notes = list(recording.notes)
+    if light != AS_IS and (light != AUTO or 2 * sum(map(is_raw, images)) > len(images)):
+        view = find_pin_view(images[0])
+        recording = replace(recording, view=view)
+        notes.append(
+            f"raw camera frames: pins are cut out ({view}), evenly lit and gray; --param "
+            "light=as_is leaves frames as they are."
+        )
+    rows = _hardly_pressed(recording.scenes) if rest is None else []
+    if rows:
+        median = np.median([recording.image(row) for row in rows], axis=0)
+        recording = replace(recording, estimated_rest=np.rint(median).astype(np.uint8))
+        notes.append(
+            f"no frame of the undeformed sensor in {recording.frames.name}: it is estimated, the "
+            f"median of the {len(rows)} least pressed frames (add one as init_0.png)."
+        )
+    elif rest is None:
+        notes.append(
+            f"no frame of the undeformed sensor in {recording.frames.name}: models that follow "
+            "pins from the rest layout cannot be run on it (add one as init_0.png)."
+        )
+    return replace(recording, notes=tuple(notes))
+
+
+def _hardly_pressed(scenes: tuple[Scene | None, ...]) -> list[int]:
+    """Return the rows of the least pressed frames; [] where too few are hardly pressed.
+
+    A plate moves most pins at once, so that it must not touch.
+    """
+    depth = np.array([np.inf if s is None else s.pose.depth for s in scenes])
+    limit = np.array([0.0 if s is None or s.indenter.is_plate else _LIGHT_MM for s in scenes])
+    rows = np.flatnonzero(depth <= limit)
+    if len(rows) < _FEWEST:
+        return []
+    least: list[int] = rows[np.argsort(depth[rows], kind="stable")][:_MOST].tolist()
+    return least
+
+
+@dataclass(frozen=True)
+class LabelSummary:
+    """Range and histogram of a label.
+
+    Attributes:
+        name: The label.
+        unit: "mm", "deg", or "" where the name does not say.
+        low: Smallest value.
+        high: Largest value.
+        mean: Mean value.
+        counts: (BINS,) numbers of frames between low and high.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    mean: float
+    counts: tuple[int, ...]
+
+    @property
+    def constant(self) -> bool:
+        """True where all frames have the same value."""
+        return self.low == self.high
+
+    @property
+    def bars(self) -> str:
+        """One character per bin; the fullest is full, and a bin with any frame shows something."""
+        most = max(self.counts)
+        levels = (-(-count * (len(_BARS) - 1) // most) for count in self.counts)
+        return "".join(_BARS[level] for level in levels)
+
+
+@dataclass(frozen=True)
+class PinSummary:
+    """Pins in the frames of a recording.
+
+    Attributes:
+        frames: Number of frames in which pins were counted.
+        counts: Number of pins in each frame, 0 where there are none.
+        rest: Number of pins in the rest frame, None without a rest frame.
+        visible_share: Share of the frames in which every pin of the rest frame was seen.
+        moved_px: Largest displacement of a pin from rest, median over the frames.
+    """
+
+    frames: int
+    counts: tuple[int, ...]
+    rest: int | None
+    visible_share: float | None
+    moved_px: float | None
+
+    def __str__(self) -> str:
+        low, median, high = np.percentile(self.counts, (0, 50, 100)).astype(int)
+        count = f"{low}" if low == high else f"{low} to {high}"
+        text = f"pins in {self.frames} frames: {count} found, {median} in the median"
+        if self.rest is not None:
+            text += f"; {self.rest} in the rest frame"
+        if self.visible_share is not None and self.moved_px is not None:
+            text += f", all of them seen in {self.visible_share:.0%} of the frames, moved up to "
+            text += f"{self.moved_px:.1f} px in the median frame"
+        return text
+
+
+def label_values(recording: Recording) -> dict[str, FloatArray]:
+    """Return name -> (N,) of every number that is known of the frames, NaN where a frame has none.
+
+    The pose of the indenter comes first, as pose.x ... pose.depth, then the labels.
+    """
+    values: dict[str, FloatArray] = {}
+    if any(recording.scenes):
+        for field in _POSE:
+            values[f"pose.{field}"] = np.array(
+                [np.nan if s is None else getattr(s.pose, field) for s in recording.scenes]
+            )
+    return values | dict(recording.labels)
+
+
+def summarize_labels(values: Mapping[str, FloatArray]) -> list[LabelSummary]:
+    """Return range and histogram of every label that any frame has."""
+    summaries = []
+    for name, column in values.items():
+        finite = column[np.isfinite(column)]
+        if len(finite):
+            low, high = float(finite.min()), float(finite.max())
+            counts, _ = np.histogram(finite, BINS, range=(low, high if high > low else low + 1))
+            bins = tuple(counts.tolist())
+            summaries.append(
+                LabelSummary(name, unit_of(name), low, high, float(finite.mean()), bins)
+            )
+    return summaries
+
+
+def unit_of(name: str) -> str:
+    """Return "deg" for rotations and angles, "mm" for lengths, "" where the name does not say."""
+    stem, _, last = name.rpartition("_")
+    if last.isdigit() and stem != "pose":  # a column without a name
+        return ""
+    last = last.rpartition(".")[2]
+    if last in {"yaw", "tilt", "deg", "4", "5", "6", "Rx", "Ry", "Rz"}:
+        return "deg"
+    if last in {"1", "2", "3", "x", "y", "z", "mm", "depth"}:
+        return "mm"
+    return ""
+
+
+def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
+    """Count the pins in frames evenly spread over the table, and follow them from rest.
+
+    Args:
+        recording: The recording.
+        most: Largest number of frames to look at.
+    """
+    from tactibench.markers import Tracker, count_pins
+
+    count = min(most, len(recording))
+    rows = np.linspace(0, len(recording) - 1, count).round().astype(int).tolist()
+    images = [gray(recording.image(row)) for row in rows]
+    counts = []
+    for image in images:
+        try:
+            counts.append(count_pins(image))
+        except UserError:  # fewer than three pins
+            counts.append(0)
+    rest = recording.rest_image()
+    try:
+        tracker = None if rest is None else Tracker(gray(rest))
+    except UserError:
+        tracker = None
+    if tracker is None:
+        return PinSummary(len(rows), tuple(counts), None if rest is None else 0, None, None)
+    tracks = tracker.track(np.stack(images))
+    moved = np.linalg.norm(tracks.xy - tracker.rest, axis=2).max(axis=1)
+    return PinSummary(
+        len(rows),
+        tuple(counts),
+        len(tracker.rest),
+        float(tracks.seen.all(axis=1).mean()),
+        float(np.median(moved)),
+    )
+
+
+def spread_rows(
+    values: Mapping[str, FloatArray], frames: int, count: int
+) -> tuple[list[str], list[int]]:
+    """Return the labels that change, and rows of frames evenly spread over the first of them.
+
+    Args:
+        values: Label -> (N,) values.
+        frames: Number N of frames.
+        count: Most rows to return.
+    """
+    changing = [n for n, v in values.items() if np.isfinite(v).all() and np.ptp(v) > 0]
+    changing.sort(key=lambda n: _FIRST_LABELS.index(n) if n in _FIRST_LABELS else 99)
+    names = changing[:_SHOWN_LABELS]
+    order = np.lexsort([values[name] for name in reversed(names)]) if names else np.arange(frames)
+    rows = order[np.linspace(0, frames - 1, min(count, frames)).round().astype(int)]
+    return names, rows.tolist()
