@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -59,6 +60,8 @@ from tactibench.records import atomic
 PlanRow = Mapping[str, Any]
 """``id`` and anything else that the recorder needs to press the sample."""
 
+_WRITTEN = re.compile(r"\d{6,}\.png|\..*\.part")
+"""Names of images that a writer makes; other people's files stay."""
 _SYNC_THREADS = 16
 """Threads that wait for the disk at once, so that it writes their files together."""
 _PLAIN_PNG = (b"\x08\x00", b"\x08\x02")
@@ -229,7 +232,7 @@ class Writer:
         named |= {str(event.get("file_name")) for event in self._events}
         for path in (self.folder / IMAGES).glob("*/*"):
             name = path.relative_to(self.folder).as_posix()
-            if path.suffix in (".png", ".part") and name not in named:
+            if _WRITTEN.fullmatch(path.name) and name not in named:
                 path.unlink()
 
     def __enter__(self) -> Self:

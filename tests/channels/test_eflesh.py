@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tactibench.datasets import Dataset, import_folder, open_recording, read_options
-from tactibench.frames.services import services
+from tactibench.frames import served_protocols
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDINGS = Path(os.environ.get("TACTIBENCH_EFLESH", ROOT.parent / "shared" / "data" / "eflesh"))
@@ -48,6 +48,6 @@ def test_channels_are_those_of_the_file(dataset: Dataset) -> None:
 
 
 def test_it_serves_exp1_with_every_press(dataset: Dataset) -> None:
-    by_name = {one.protocol: one for one in services(open_recording(dataset.folder))}
+    by_name = {one.protocol: one for one in served_protocols(open_recording(dataset.folder))}
     assert by_name["exp1"].reason == "3,460 frames train, 385 validate, 960 test"
     assert not by_name["exp2"].served

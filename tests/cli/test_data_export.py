@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.cli.data import FORMATS
-from tactibench.datasets import EXPORT_FORMATS, Draft, Header, Writer
+from tactibench.datasets import Draft, Header, Writer
 
 
 @pytest.fixture
@@ -37,63 +36,36 @@ def test_it_says_what_was_written_and_what_was_left_out(
     taps: Path, cli: Any, tmp_path: Path
 ) -> None:
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    command = ("data", "export", "taps", "out", "--format", "hf-parquet", "--json", "figures.json")
+    command = ("data", "export", "taps", "out", "--json", "figures.json")
     code, out, err = cli(*command)
     assert (code, err) == (0, "")
-    assert out.startswith("out: 4 samples (train 2, test 2); 1 marked bad left out; 4 files, 0.")
+    assert out.startswith("out: 4 samples (train 2, test 2); 1 marked bad left out; 0.0 MB")
     rows = json.loads((tmp_path / "figures.json").read_text("utf-8"))
     found = {(row["metric"], row["group"]): row["value"] for row in rows}
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert found == {
-        ("samples", "all"): 4,
         ("samples", "train"): 2,
         ("samples", "test"): 2,
         ("left_out", "bad"): 1,
-        ("files", "all"): len(files),
         ("size", "all"): sum(path.stat().st_size for path in files),
     }
-
-
-@pytest.mark.parametrize(
-    ("format_", "file"),
-    [("bristol", "out/targets.csv"), ("card", "out")],
-)
-def test_a_second_export_to_the_same_place_is_refused(
-    taps: Path, cli: Any, tmp_path: Path, format_: str, file: str
-) -> None:
-    command = ("data", "export", "taps", "out", "--format", format_)
-    code, _, err = cli(*command)
-    assert (code, err) == (0, "")
-    before = (tmp_path / file).read_bytes()
     code, out, err = cli(*command)
     assert (code, out) == (2, "")
     assert "nothing is overwritten" in err
-    assert (tmp_path / file).read_bytes() == before
-
-
-def test_a_card_goes_into_the_folder(taps: Path, cli: Any) -> None:
-    code, out, err = cli("data", "export", "taps", "taps", "--format", "card")
-    assert (code, err) == (0, "")
-    assert out.startswith("taps/README.md: 5 samples; 1 file, 0.0 MB")
-    assert (taps / "README.md").is_file()
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("taps", "out", "--format", "zip"), "'zip' is not one of"),
-        (("nowhere", "out", "--format", "card"), "'nowhere' does not exist"),
-        ((".", "out", "--format", "bristol"), "is no data set: it holds no dataset.json"),
-        (("taps", "out", "--format", "bristol", "--split", "min"), "did you mean 'mine'?"),
-        (("taps", "taps/out", "--format", "bristol"), "lies in the data set taps"),
+        (("nowhere", "out"), "'nowhere' does not exist"),
+        ((".", "out"), "is no data set: it holds no dataset.json"),
+        (("taps", "out", "--split", "min"), "did you mean 'mine'?"),
+        (("taps", "taps/out"), "lies in the data set taps"),
     ],
 )
 def test_a_mistake_gets_one_sentence(
     taps: Path, refused: Any, tmp_path: Path, arguments: tuple[str, ...], sentence: str
 ) -> None:
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
     assert sentence in refused("data", "export", *arguments)
     assert [path.name for path in tmp_path.iterdir()] == ["taps"]
-
-
-def test_the_options_are_those_of_the_exporters() -> None:
-    assert FORMATS == EXPORT_FORMATS

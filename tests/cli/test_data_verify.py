@@ -37,7 +37,7 @@ def test_findings_are_printed_and_counted(cli: Any, data_set: Path, tmp_path: Pa
     code, out, err = cli("data", "verify", "set", "--json", "found.json")
     assert (code, err) == (1, "")
     lines = out.splitlines()
-    assert lines[0].startswith("set/images/000000/000000.png is cut short (metadata.jsonl line 1)")
+    assert lines[0].startswith("set/images/000000/000000.png was changed after it was written")
     assert lines[-2] == "... and 5 more; --json FILE has all of them"
     assert lines[-1] == "set: 30 samples, 25 findings"
     assert len(json.loads((tmp_path / "found.json").read_text())["findings"]) == 25

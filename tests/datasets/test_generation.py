@@ -117,7 +117,7 @@ def test_frames_are_those_of_the_cache(
             assert (sample.press, sample.extra) == (press.name, {"draw": "draw"})
             assert sample.scene is not None
             assert sample.scene.pose == frame.pose  # the one that was reached
-            assert np.array_equal(dataset.image(sample), frame.image)
+            assert np.array_equal(dataset.signal(sample), frame.image)
     assert dataset.rest is not None
     assert dataset.splits["both"].test == (17, 18, 19, 20)
     assert verify(tmp_path / "set") == []

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-CLOCKED = ("dataset.json", "events.jsonl", "checksums.json")
-"""Files of a data set that say when it was made, and their hashes."""
+CLOCKED = ("dataset.json", "events.jsonl")
+"""Files of a data set that say when it was made."""
 
 
 def files(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, bytes]:

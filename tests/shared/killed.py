@@ -54,18 +54,14 @@ def _files(folder: Path) -> dict[str, str]:
     }
 
 
-def _data_set(folder: Path, name: str = "set") -> Any:
+def _data_set(folder: Path) -> Any:
     """Of every sample all but when it was taken; the files, verified."""
     from tactibench.datasets import open_dataset, verify
 
-    path = folder / name
+    path = folder / "set"
     data = open_dataset(path)
     samples = [(s.id, s.sha256, s.scene) for s in data.samples]
     return verify(path), data.header.status, samples, _files(path / "images")
-
-
-def _imported(folder: Path) -> Any:
-    return _data_set(folder, "new")
 
 
 def _weights(folder: Path) -> Any:
@@ -119,11 +115,8 @@ def _visible(folder: Path) -> Any:
 TRAIN = ("run", "exp1", "--model", "tiny", "--train-only")
 GENERATE = ("data", "generate", "exp1", "--count", "8", "--out", "set")
 BOARD = ("board", "add", "exp1-*")
-EXPORT = ("data", "export", "set", "folder", "--format", "bristol")
 STAGES = (
     Stage("generate", GENERATE, (), _data_set),
-    Stage("export", EXPORT, (GENERATE,), _visible),
-    Stage("import", ("data", "import", "folder", "new"), (GENERATE, EXPORT), _imported),
     Stage("new", ("new", "model", "mine"), (), _visible),
     Stage("train", TRAIN, (), _weights),
     Stage("predict", RUN, (TRAIN,), _runs),

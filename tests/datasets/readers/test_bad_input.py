@@ -125,10 +125,10 @@ def mixed_commas(folder):
             )
         ),
         (replace("-0.75", '"-0,75"'), ["row 3", "'-0,75'", "decimal commas", "';'"]),
-        (unquoted_commas, ["more fields than its header", "decimal commas", "';'"]),
+        (unquoted_commas, ["saw 12", "decimal commas", "';'"]),
         (mixed_commas, ["row 3", "'-0,75'", "row 1", "'-0.25'", "one way"]),
         (replace(",10.0,4", ""), ["row 5", "pose_6", "''"]),
-        (replace("frame_1", "extra,extra,frame_1"), ["more fields than its header"]),
+        (replace("frame_1", "extra,extra,frame_1"), ["line 3, saw"]),
         (write(b""), ["is empty"]),
         (write(b"image_name,pose_2,pose_6\n"), ["no rows"]),
         (write(b"image_name,pose_2,pose_2\nframe_0_0.png,1,2\n"), ["two columns 'pose_2'"]),
@@ -160,37 +160,6 @@ def test_a_damaged_description_is_left_out_where_labels_do_not_need_it(first, da
 )
 def test_columns_that_are_not_there(first, unimported, options, words):
     unimported(first, *words, options=ImportOptions(**options))
-
-
-def test_links_are_followed_inside_only(first, unimported, tmp_path):
-    frames = first / "frames_bw"
-    inside, outside = frames / "frame_1_0.png", tmp_path / "outside.png"
-    inside.rename(first / "moved.png")
-    inside.symlink_to(first / "moved.png")
-    assert len(open_recording(first)) == 5
-    (first / "moved.png").rename(outside)
-    inside.unlink()
-    inside.symlink_to(outside)
-    unimported(first, "frame_1_0.png", "leads out of")
-    inside.unlink()
-    inside.symlink_to(inside)
-    unimported(first, "frame_1_0.png", "circle")
-    inside.unlink()
-    inside.symlink_to(tmp_path / "nowhere.png")
-    unimported(first, "1 frame that is not in")
-
-
-def test_a_frames_folder_that_is_a_link_to_elsewhere(first, unimported, tmp_path):
-    (first / "frames_bw").rename(tmp_path / "elsewhere")
-    (first / "frames_bw").symlink_to(tmp_path / "elsewhere")
-    unimported(first, "frames_bw", "leads out of")
-
-
-@pytest.mark.parametrize("name", ["targets.csv", "meta.json"])
-def test_tables_and_descriptions_are_no_links_to_elsewhere(first, unimported, tmp_path, name):
-    (first / name).rename(tmp_path / name)
-    (first / name).symlink_to(tmp_path / name)
-    unimported(first, name, "leads out of")
 
 
 def test_folders_that_are_none(tmp_path, refused, first):
@@ -251,4 +220,4 @@ def test_a_frame_that_changes_after_the_import_is_found(first, tmp_path, refused
     assert "000002.png" in finding
     again = open_recording(tmp_path / "out")
     refused(lambda: again.image(2), "000002.png", "changed")
-    assert open_dataset(tmp_path / "out").samples == dataset.samples
+    assert [*open_dataset(tmp_path / "out").samples] == [*dataset.samples]

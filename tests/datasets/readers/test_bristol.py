@@ -121,7 +121,7 @@ def test_colour_frames_and_a_negative_depth(first, tmp_path):
     options = read_options(("indenter=plate", "depth=-pose_2"))
     dataset = import_folder(first, tmp_path / "out", options)
     assert dataset.header.channels == 3
-    np.testing.assert_array_equal(dataset.image(dataset.samples[0]), bgr[..., ::-1])
+    np.testing.assert_array_equal(dataset.signal(dataset.samples[0]), bgr[..., ::-1])
     assert [s.scene.pose.depth for s in dataset.samples] == [0.25, 0.5, 0.75, 1.0, 1.25]
 
 
@@ -132,7 +132,7 @@ def test_an_8_bit_frame_with_alpha_is_written_anew(first, tmp_path):
     for path in (first / "frames_bw").iterdir():
         cv2.imwrite(str(path), alpha)
     dataset = import_folder(first, tmp_path / "out")
-    np.testing.assert_array_equal(dataset.image(dataset.samples[0]), alpha[..., 2::-1])
+    np.testing.assert_array_equal(dataset.signal(dataset.samples[0]), alpha[..., 2::-1])
 
 
 def test_a_plate_touches_at_the_domes_radius_times_the_sine(first, tmp_path):

@@ -76,7 +76,7 @@ def test_raw_frames_are_imported_cut_out_unless_somebody_objects(tmp_path: Path)
     assert dataset.rest is not None
     pins = Tracker(dataset.rest)
     assert abs(len(pins.rest) - len(drawn_pins.hexagon())) <= 2
-    assert pins.track(np.stack([dataset.image(s) for s in dataset.samples])).seen.mean() > 0.95
+    assert pins.track(np.stack([dataset.signal(s) for s in dataset.samples])).seen.mean() > 0.95
     kept = open_recording(folder, read_options(["light=as_is"]))
     assert kept.image(0).shape == (480, 640, 3)
 

@@ -62,16 +62,6 @@ def test_the_law_itself_gives_offset_and_pivot_back(offset, pivot, side):
     assert fit.residual < 1e-5
 
 
-def test_without_the_side_its_place_is_on_the_axis():
-    depth, tilt, _ = presses()
-    labels = label_beside(depth, tilt, 5.0, 20.0, 0.0)
-    fit = fit_pivot(depth**EXPONENT, labels, tilt, side=False)
-    assert fit.pivot_mm == pytest.approx(20.0, abs=1e-2)
-    assert (fit.side_mm, fit.side_std) == (0.0, 0.0)
-    aside = fit_pivot(depth**EXPONENT, label_beside(depth, tilt, 5.0, 0.0, 7.2), tilt, side=False)
-    assert aside.residual > 100 * fit.residual  # the sine is no cosine
-
-
 def test_shear_is_taken_out():
     depth, tilt, rng = presses()
     shear = rng.uniform(-5, 5, (len(depth), 1))

@@ -1,9 +1,10 @@
-"""Parquet files hold the same samples, and Hugging Face's ``datasets`` opens what is written."""
+"""Parquet files hold the same samples, whole or not at all; ``datasets`` opens them."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import os
 import subprocess
 import sys
@@ -17,22 +18,33 @@ import pytest
 from hypothesis import given, settings
 from small_data_sets import Small, good, scene_of, smalls, write_taps
 
-from tactibench import Indenter, Pose, Scene, UserError
+from tactibench import UserError
 from tactibench.datasets import (
     Dataset,
     Draft,
     Header,
     Writer,
     export_dataset,
+    is_dataset,
+    new_folder,
     open_dataset,
-    select_samples,
-    write_parquet,
-    write_split,
 )
+
+pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return write_taps(tmp_path_factory.mktemp("place") / "v1")
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
 def read_parquet(folder: Path) -> list[dict[str, Any]]:
-    pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    import pyarrow.parquet as pq
+
     files = sorted((folder / "data").iterdir())
     rows = [row for path in files for row in pq.read_table(path).to_pylist()]
     return sorted(rows, key=lambda row: row["id"])
@@ -41,10 +53,9 @@ def read_parquet(folder: Path) -> list[dict[str, Any]]:
 @settings(max_examples=12)
 @given(smalls())
 def test_the_files_hold_the_same_samples(small: Small) -> None:
-    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
     with tempfile.TemporaryDirectory() as place:
         dataset = small.write(Path(place) / "v1")
-        export = export_dataset(dataset, Path(place) / "out", "hf-parquet")
+        export = export_dataset(dataset, Path(place) / "out")
         samples = good(dataset)
         for row, sample in zip(read_parquet(export.path), samples, strict=True):
             image = {
@@ -65,8 +76,9 @@ def test_the_files_hold_the_same_samples(small: Small) -> None:
 
 
 def test_the_schema_says_which_column_is_an_image(tmp_path: Path) -> None:
-    pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    export_dataset(write_taps(tmp_path / "v1"), tmp_path / "out", "hf-parquet")
+    import pyarrow.parquet as pq
+
+    export_dataset(write_taps(tmp_path / "v1"), tmp_path / "out")
     schema = pq.read_schema(tmp_path / "out/data/test-00000-of-00001.parquet")
     features = json.loads(schema.metadata[b"huggingface"])["info"]["features"]
     assert list(features) == schema.names
@@ -76,23 +88,99 @@ def test_the_schema_says_which_column_is_an_image(tmp_path: Path) -> None:
     assert features["labels"] == {"force_z": number}
 
 
-def test_shards_are_counted_in_their_names(tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    dataset = write_taps(tmp_path / "v1", count=9)
+def test_channels_are_lists_of_numbers(tmp_path: Path) -> None:
+    header = Header("skin", {"name": "skin"}, signal=(15,), dome_radius_mm=math.inf)
+    signals = np.random.default_rng(0).normal(size=(3, 15)).astype(np.float32)
+    with Writer(tmp_path / "v1", header) as writer:
+        writer.reference(np.zeros(15, np.float32))
+        writer.add_many([Draft(signal, number) for number, signal in enumerate(signals)])
+    export_dataset(open_dataset(tmp_path / "v1"), tmp_path / "out")
+    rows = read_parquet(tmp_path / "out")
+    assert np.array_equal([row["channels"] for row in rows], signals)
+    assert np.array_equal(np.load(tmp_path / "out/rest.npy"), np.zeros(15))
+
+
+def test_a_folder_that_holds_something_is_refused(dataset: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(UserError, match=r"holds files already; .* nothing is overwritten"):
+        export_dataset(dataset, tmp_path)
+    assert names(tmp_path) == ["mine.txt"]
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "orphan", "inside"])
+def test_a_place_where_no_folder_can_be_is_refused(
+    dataset: Dataset, tmp_path: Path, kind: str
+) -> None:
+    target = tmp_path / "out"
+    if kind == "file":
+        target.write_text("mine")
+    elif kind == "link":
+        target.symlink_to(tmp_path / "elsewhere")
+    elif kind == "orphan":
+        target = target / "deeper"
+    else:
+        target = dataset.folder / "out"
+    sentence = {"orphan": r"out is not there; make it first", "inside": r"lies in the data set"}
+    with pytest.raises(UserError, match=sentence.get(kind, "is a file or a link")):
+        export_dataset(dataset, target)
+    assert names(tmp_path) == ([] if kind in {"orphan", "inside"} else ["out"])
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt, UserError])
+def test_an_interrupted_export_leaves_nothing(
+    dataset: Dataset, tmp_path: Path, error: type[BaseException]
+) -> None:
+    done = 0
+
+    def advance(number: int) -> None:
+        nonlocal done
+        done += number
+        assert names(tmp_path)[0].startswith(".out."), "written beside its place"
+        if done >= 2:
+            raise error("stop")
+
+    with pytest.raises(error):
+        export_dataset(dataset, tmp_path / "out", advance=advance)
+    assert names(tmp_path) == []
+
+
+def test_a_place_that_was_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    target = tmp_path / "out"
+
+    def meanwhile() -> None:
+        with new_folder(target, tmp_path / "source") as folder:
+            (folder / "ours").write_text("ours")
+            target.mkdir()
+            (target / "theirs").write_text("theirs")
+
+    with pytest.raises(OSError, match="not empty"):
+        meanwhile()
+    assert names(tmp_path) == ["out", "source"]
+    assert names(target) == ["theirs"]
+
+
+def test_an_empty_folder_is_taken_and_splits_are_files_of_their_own(tmp_path: Path) -> None:
+    folder = write_taps(tmp_path / "v1").folder
+    (folder / "splits/other.json").write_text('{"train": [0], "validation": [], "test": []}')
+    (folder / "splits/mine.json").write_text('{"train": [0, 1], "validation": [4], "test": [2]}')
     (tmp_path / "out").mkdir()
-    write_parquet(
-        dataset,
-        tmp_path / "out",
-        select_samples(dataset, "mine"),
-        lambda _: None,
-        shard_bytes=1_000,
-    )
-    names = sorted(path.name for path in (tmp_path / "out/data").iterdir())
-    assert names == [
-        "test-00000-of-00001.parquet",
-        *(f"unassigned-{i:05d}-of-00004.parquet" for i in range(4)),
-    ]
-    assert [row["id"] for row in read_parquet(tmp_path / "out")] == list(range(9))
+    dataset = open_dataset(folder)
+    with pytest.raises(UserError, match=r"several splits \(mine, other\); choose one"):
+        export_dataset(dataset, tmp_path / "out")
+    with pytest.raises(UserError, match=r"has no split 'mien'; did you mean 'mine'\?"):
+        export_dataset(dataset, tmp_path / "out", split="mien")
+    export = export_dataset(dataset, tmp_path / "out", split="mine")
+    assert export.subsets == {"train": 2, "validation": 1, "test": 1, "unassigned": 1}
+    assert names(export.path) == ["data", "header.json", "rest.png"]
+    assert export.size_bytes == sum(p.stat().st_size for p in export.path.rglob("*.*"))
+    assert not is_dataset(export.path)
+
+
+def test_nothing_good_to_export_is_said(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1", count=0)
+    with pytest.raises(UserError, match="holds no good sample"):
+        export_dataset(dataset, tmp_path / "out")
 
 
 def test_without_pyarrow_it_says_what_to_install(
@@ -101,7 +189,7 @@ def test_without_pyarrow_it_says_what_to_install(
     dataset = write_taps(tmp_path / "v1")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(UserError, match=r"pip install 'tactibench\[hf\]'"):
-        export_dataset(dataset, tmp_path / "out", "hf-parquet")
+        export_dataset(dataset, tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["v1"]
 
 
@@ -148,7 +236,7 @@ def check(rows: list[dict[str, Any]], dataset: Dataset, samples: Any) -> None:
     """Rows as ``datasets`` gives them against the samples."""
     for row, sample in zip(rows, samples, strict=True):
         assert row["id"] == sample.id
-        assert row["image"] == dataset.image(sample).tolist()
+        assert row["image"] == dataset.signal(sample).tolist()
         contacts = dataset.contacts(sample)
         assert contacts is not None
         assert row["contacts_xy_mm"] == contacts.xy.tolist()
@@ -168,45 +256,9 @@ def check(rows: list[dict[str, Any]], dataset: Dataset, samples: Any) -> None:
 )
 def test_a_data_set_is_an_image_folder(run: Run, tmp_path: Path, call: str) -> None:
     dataset = write_taps(tmp_path / "v1")
-    dataset.images(dataset.samples)  # a cache beside the images
-    export_dataset(dataset, dataset.folder, "card")
     found = run("datasets", LOADED.format(call=call), dataset.folder)
     assert list(found) == ["train"]
     check(found["train"], dataset, dataset.samples)
-
-
-def mixed(folder: Path) -> Dataset:
-    """A plate, pairs, singles and none that touches; labels, scenes and extra that some lack."""
-    scenes = [
-        None,
-        Scene(Indenter.plate(), Pose(tilt=3.0, depth=1.0)),
-        Scene(Indenter.dual(7.0), Pose(depth=2.0)),
-        Scene(Indenter.single(), Pose(depth=-1.0)),
-    ]
-    with Writer(folder, Header("mixed", {"name": "s"}, (4, 4), dome_radius_mm=20.0)) as writer:
-        for number in range(8):
-            writer.add(
-                Draft(
-                    np.full((4, 4), 10 * number, np.uint8),
-                    id=number,
-                    scene=scenes[number % 4],
-                    labels={"Kraft µN": 1.0 * number} if number % 3 else {},
-                    extra={"force": [0.5, 1.5]} if number % 2 else {},
-                )
-            )
-    return open_dataset(folder)
-
-
-@pytest.mark.slow
-def test_what_some_samples_lack_is_no_obstacle(run: Run, tmp_path: Path) -> None:
-    dataset = mixed(tmp_path / "v1")
-    call = 'datasets.load_dataset("imagefolder", data_dir=FOLDER)'
-    found = run("datasets", LOADED.format(call=call), dataset.folder)["train"]
-    for row, sample in zip(found, dataset.samples, strict=True):
-        assert row["image"] == dataset.image(sample).tolist()
-        assert (row["labels"] or {}).get("Kraft µN") == sample.labels.get("Kraft µN")
-        contacts = dataset.contacts(sample)
-        assert row["n_contacts"] == (None if contacts is None else len(contacts))
 
 
 @pytest.mark.slow
@@ -218,40 +270,9 @@ def test_what_some_samples_lack_is_no_obstacle(run: Run, tmp_path: Path) -> None
     ],
 )
 def test_parquet_files_show_images(run: Run, tmp_path: Path, call: str) -> None:
-    if importlib.util.find_spec("pyarrow") is None:
-        pytest.skip("pyarrow is not installed")
     dataset = write_taps(tmp_path / "v1")
-    export = export_dataset(dataset, tmp_path / "out", "hf-parquet")
+    export = export_dataset(dataset, tmp_path / "out")
     found = run("datasets", LOADED.format(call=call), export.path)
     assert list(found) == ["test", "unassigned"]
     check(found["test"], dataset, dataset.samples[:2])
     check(found["unassigned"], dataset, dataset.samples[2:])
-
-
-FOUND = """
-import datasets, pathlib
-def loaded(folder):
-    try:
-        return len(datasets.load_dataset("imagefolder", data_dir=str(folder), split="train"))
-    except Exception as error:
-        return str(error)
-found = {folder.name: loaded(folder) for folder in pathlib.Path(FOLDER).iterdir()}
-"""
-
-
-@pytest.mark.slow
-def test_names_of_splits_that_would_hide_the_images_are_refused(run: Run, tmp_path: Path) -> None:
-    """And for a reason: such a file alone is taken for the data."""
-    names = ("my-test", "val_2", "train", "2test")
-    for name in names:
-        dataset = write_taps(tmp_path / "all" / name)
-        with pytest.raises(UserError, match="a split cannot be called"):
-            write_split(dataset.folder, name, dataset.splits["mine"], dataset.samples)
-        (dataset.folder / "splits" / f"{name}.json").write_text("{}")
-    free = write_taps(tmp_path / "all" / "free")
-    for name in ("by-press", "published", "contest", "random.0", "Retrained"):
-        write_split(free.folder, name, free.splits["mine"], free.samples)
-    found = run("datasets", FOUND, tmp_path / "all")
-    assert found.pop("free") == 5
-    assert sorted(found) == sorted(names)
-    assert 5 not in found.values()
