@@ -53,3 +53,8 @@ filters
 memory_gib
 python
 signatures
+
+# Fields of a line of the journal, for readers of the file alone
+contacts_depth_mm
+contacts_xy_mm
+n_contacts

@@ -334,21 +334,19 @@ def test_a_flickering_light_is_refused(lab: Lab) -> None:
 def test_a_full_disk_ends_the_session_and_the_next_goes_on(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactibench.datasets import images
+    real, calls = Path.write_bytes, iter(range(100))
 
-    real, calls = images.write_file, iter(range(100))
-
-    def full(path: Path, data: bytes) -> None:
-        if next(calls) == 2:
+    def full(path: Path, data: bytes) -> int:
+        if path.suffix == ".part" and next(calls) == 2:  # an image before it has its name
             raise OSError(28, "No space left on device")
-        real(path, data)
+        return real(path, data)
 
-    monkeypatch.setattr(images, "write_file", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match="No space"):
         lab.collect()
     clear = -lab.settings.envelope.clearance_mm
     assert lab.robot.tool()[2] <= clear + TRUE_Z0 + 0.1
-    monkeypatch.setattr(images, "write_file", real)
+    monkeypatch.setattr(Path, "write_bytes", real)
     assert lab.collect().left == 0
     assert sorted(lab.ids()) == [0, 1, 2, 3]
 
