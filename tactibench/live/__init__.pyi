@@ -15,5 +15,4 @@ from .views import PinLines as PinLines
 from .views import ask as ask
 from .views import contact_errors as contact_errors
 from .views import describe_prediction as describe_prediction
-from .views import has_contact as has_contact
 from .views import pack as pack

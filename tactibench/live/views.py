@@ -36,11 +36,6 @@ def ask(model: Model, frame: Frame) -> tuple[Answer | None, Maps | None]:
     return model.read_maps(maps)[0], maps[0]
 
 
-def has_contact(prediction: Answer | None) -> bool:
-    """Return whether a model sees a contact."""
-    return isinstance(prediction, PlatePose) or bool(prediction is not None and len(prediction))
-
-
 def describe_prediction(prediction: Answer | None) -> str:
     """Return a prediction in words."""
     if isinstance(prediction, PlatePose):
