@@ -43,8 +43,8 @@ from scipy.spatial.distance import cdist
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.markers import Tracker, Tracks, pin_graph, rest_layout
 from tactibench.plugins import PluginHost
-from tactibench_sim.optics.renderer import Renderer
-from tactibench_sim.rendered_sensor import RenderedSensor
+from tactibench_sim import Renderer
+from tactibench_sim import RenderedSensor
 
 DATA = Path(
     os.environ.get(

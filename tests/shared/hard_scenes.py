@@ -8,9 +8,9 @@ import pytest
 
 from tactibench import Grid, SensorContext
 from tactibench_sim import hooks
-from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.pins import layout
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import Tips
+from tactibench_sim import layout
+from tactibench_sim import TacTip127
 
 (_CHOICES,) = (p.choices for p in hooks.DOME if p.name == "tier")
 DECLARED = tuple(tier for tier in _CHOICES if tier != "fem")

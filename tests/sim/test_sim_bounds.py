@@ -6,11 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim import bounds
-from tactibench_sim.bounds import derivatives
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.optics.camera import NUISANCES
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import NUISANCES, TacTip127, Tips, bounds, derivatives, tips_of
 
 EDGE, RADIUS, HEIGHT, NOISE = 3.0, 8.0, 20.0, 2.0
 PX_PER_MM = 5.0

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench_sim import bounds
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.optics.camera import NUISANCES
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import NUISANCES, TacTip127, Tips, bounds, tips_of
 
 SCENES = {
     "single": Scene(Indenter.single(), Pose(1.3, -0.8, depth=1.7)),

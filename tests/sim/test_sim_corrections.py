@@ -11,16 +11,17 @@ from learn import Single, corrections_from, mirror
 from modes import FOUR, Cells, Chart, coefficients, modes_of, on_cells, six, turn
 from scipy.interpolate import CubicSpline
 
-from tactibench_sim.mechanics.corrections import Corrections
-from tactibench_sim.mechanics.kernels import (
+from tactibench_sim import (
+    Corrections,
+    Tables,
     around_amounts,
     look_up,
     pair_amounts,
     patch_at,
+    shipped,
     weights,
 )
-from tactibench_sim.mechanics.kernels import place as place_of
-from tactibench_sim.mechanics.tables import Tables, shipped
+from tactibench_sim import place as place_of
 
 TABLES = shipped()
 STEP = math.radians(5)

@@ -7,11 +7,7 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.frames import spacing_limit
-from tactibench_sim.detection import deviance
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.optics.camera import NUISANCES
-from tactibench_sim.planar.sensor import PlanarGrid
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import NUISANCES, PlanarGrid, TacTip127, Tips, deviance, tips_of
 
 HEIGHT, WIDTH, NOISE, PX_PER_MM = 20.0, 4.0, 2.0, 5.0
 

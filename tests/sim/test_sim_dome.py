@@ -11,11 +11,16 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from tactibench import UserError
-from tactibench_sim.mechanics.corrections import Corrections
-from tactibench_sim.mechanics.dome import TableMechanics, meridians
-from tactibench_sim.mechanics.kernels import at_depth, at_polar, depression
-from tactibench_sim.mechanics.tables import shipped
-from tactibench_sim.pins import layout
+from tactibench_sim import (
+    Corrections,
+    TableMechanics,
+    at_depth,
+    at_polar,
+    depression,
+    layout,
+    meridians,
+    shipped,
+)
 
 COUPLED, SUPERPOSE = (TableMechanics(shipped(), tier) for tier in ("coupled", "superpose"))
 BARE = TableMechanics(replace(shipped(), corrections=Corrections()), "coupled")

@@ -9,30 +9,32 @@ import error_bounds as maker
 import numpy as np
 import pytest
 from error_bounds import largest, leave_out, measure, measured, reached, write
+from tactibench_sim.mechanics import tip_tables
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.protocols import draw_scenes, load_protocol
-from tactibench_sim.error_bounds import (
+from tactibench_sim import (
     RADIUS_MM,
     Bounds,
     Envelope,
+    Reference127,
+    TableMechanics,
+    TacTip127,
+    TacTip331,
+    TipMechanics,
+    Tips,
     angle_between,
     envelope_terms,
+    reference_scenes,
     scene_bounds,
     shipped,
     term_counts,
+    tips_of,
 )
-from tactibench_sim.mechanics import tables, tip_tables
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.reference_frames import scenes as reference
-from tactibench_sim.reference_frames.sensor import Reference127
-from tactibench_sim.sensor import TacTip127, TacTip331
 
 pytestmark = pytest.mark.long
 
-TABLES, SCENES = tables.shipped(), reference.shipped()
+TABLES, SCENES = shipped_dome(), reference_scenes()
 OTHERS = reference.shipped_other_tips().scenes
 COUPLED, SUPERPOSED = (TableMechanics(TABLES, tier) for tier in ("coupled", "superpose"))
 SINGLE, DUAL, TRIPLE = Indenter.single(), Indenter.dual(8.0), Indenter.triple((0, 1, 0.5))
@@ -62,7 +64,7 @@ def errors():
 
 def test_the_bounds_that_ship_are_measured_and_of_the_tables_that_ship(bounds):
     digest, tips, stored = shipped()
-    assert (digest, tips) == (TABLES.digest, tip_tables.shipped().digest)
+    assert (digest, tips) == (TABLES.digest, tip_shipped_dome().digest)
     envelopes = [(getattr(stored, name), getattr(bounds, name)) for name in ("pair", "many")]
     for one, other in zip(stored.others, bounds.others, strict=True):
         assert (one.smallest, one.largest) == (other.smallest, other.largest)
@@ -201,7 +203,7 @@ def test_another_radius_is_known_with_its_own_tables(radius, monkeypatch):
     assert of(together).tolist() == [*of(tips), *of(nominal)]
     assert np.isfinite(of(together)).all()
     assert np.isinf(of(Tips(np.zeros((1, 3, 2)), np.ones((1, 3)), tips.radius))).all()
-    other = replace(tip_tables.shipped(), digest="0")
+    other = replace(tip_shipped_dome(), digest="0")
     monkeypatch.setattr(tip_tables, "shipped", lambda: other)
     assert np.isinf(of(tips)).all()
     assert np.isfinite(of(nominal)).all()

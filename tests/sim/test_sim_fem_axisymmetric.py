@@ -8,10 +8,10 @@ import pytest
 from axisymmetric import AxisymmetricPress, contact_energy
 from dome_press import dome_meridian, press
 from pad_press import Pad, press_pad
+from tactibench_sim.fem.continuation import Continuation, Settings
 
 from tactibench import UserError
 from tactibench_sim import fem
-from tactibench_sim.fem.continuation import Continuation, Settings
 
 ngs = pytest.importorskip("ngsolve", reason="needs the extra `fem`")
 
@@ -103,7 +103,6 @@ def test_a_solver_that_is_not_built_in_is_named():
 def two_spheres_on_a_brick(inverse):
     """A 3-D problem as another module would write it: two tips, one path parameter."""
     from netgen.occ import Box, OCCGeometry, Z
-
     from tactibench_sim.fem.body import density, mixed_space, spatial_strain
     from tactibench_sim.fem.tip import overlap
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from dome_press import press
 from spatial_runs import press_scene
-
-from tactibench_sim.fem import Dome, NotConvergedError
 from tactibench_sim.fem.continuation import Settings
 from tactibench_sim.fem.mesh import Spot
 from tactibench_sim.fem.press import SPATIAL, Fineness, SpatialPress
 from tactibench_sim.fem.tip import PLATE, SPHERE, Tip, rounded_energy
+
+from tactibench_sim.fem import Dome, NotConvergedError
 
 ngs = pytest.importorskip("ngsolve", reason="needs the extra `fem`")
 

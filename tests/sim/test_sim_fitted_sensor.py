@@ -13,8 +13,7 @@ import pytest
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.datasets import lean_of
 from tactibench.markers import Tracker
-from tactibench_sim.real.calibration import Calibration, shipped
-from tactibench_sim.real.sensor import Fitted127, Fitted331
+from tactibench_sim import Calibration, Fitted127, Fitted331, shipped
 
 
 def made(kind=Fitted127, seed=0, **parameters):

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tactibench_sim.commands.render import render
 
 from tactibench import Contacts, Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
-from tactibench_sim.commands.render import render
-from tactibench_sim.mechanics import tables
-from tactibench_sim.planar.sensor import PlanarGrid
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import PlanarGrid, TacTip127, shipped_dome
 
-TABLE = tables.shipped().by_radius[3.0]
+TABLE = shipped_dome().by_radius[3.0]
 SINGLE = Indenter.single()
 
 
@@ -35,7 +33,7 @@ def test_a_single_contact_at_a_node_carries_what_the_table_says(tactip):
 
 
 def test_a_plate_carries_what_its_table_says(tactip):
-    plate = tables.shipped().by_radius[np.inf]
+    plate = shipped_dome().by_radius[np.inf]
     force = tactip.forces(Scene(Indenter.plate(), Pose(tilt=10, depth=plate.delta[16])))
     assert force == pytest.approx([plate.fields["force"][16]], rel=1e-12)
 

@@ -10,17 +10,17 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench_sim.mechanics import drag_tables, tables
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.mechanics.friction import FrictionMechanics
-from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.pins import layout
-from tactibench_sim.reference_frames.scenes import ReferenceScene, shipped_sideways
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import Tips, tips_of
+from tactibench_sim import TableMechanics
+from tactibench_sim import FrictionMechanics
+from tactibench_sim import TipMechanics
+from tactibench_sim import layout
+from tactibench_sim import ReferenceScene, shipped_sideways
+from tactibench_sim import TacTip127
 
 Array = npt.NDArray[np.float64]
 PINS = layout(127)
-FRICTIONLESS = TipMechanics(TableMechanics(tables.shipped(), "coupled"))
+FRICTIONLESS = TableMechanics(shipped_dome(), "coupled"))
 
 
 def moved(scene: Scene, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> Tips:

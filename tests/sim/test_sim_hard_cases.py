@@ -30,7 +30,7 @@ from hard_scenes import (
 )
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench_sim.mechanics.contact import STEEPEST_DEG
+from tactibench_sim import STEEPEST_DEG
 
 # -- zero contact is bit-identical to rest
 

@@ -15,7 +15,6 @@ from tactibench_sim import fem
 def test_finite_elements_that_do_not_converge_raise():
     pytest.importorskip("ngsolve", reason="needs the extra `fem`")
     from dome_press import press
-
     from tactibench_sim.fem.continuation import Settings
 
     body = fem.Dome(apex_size=0.5, skin_size=1.0, gel_size=4.0)

@@ -23,13 +23,17 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from tactibench import Indenter, Pose, Scene
-from tactibench_sim import fem
-from tactibench_sim.mechanics.corrections import Corrections
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.mechanics.tables import Tables, shipped
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.renderer import Renderer
-from tactibench_sim.sensor import TACTIP_127, TACTIP_331
+from tactibench_sim import (
+    TACTIP_127,
+    TACTIP_331,
+    Corrections,
+    Optics,
+    Renderer,
+    TableMechanics,
+    Tables,
+    fem,
+    shipped,
+)
 
 pytestmark = pytest.mark.long
 

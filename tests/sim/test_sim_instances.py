@@ -13,16 +13,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim import fem, instances
-from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of
-from tactibench_sim.mechanics import tables as table_file
-from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.pins import layout
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import (
+    RATIO_FACTOR,
+    SKIN_FACTOR,
+    TableMechanics,
+    TacTip127,
+    Tips,
+    dome_of,
+    fem,
+    instances,
+    layout,
+    shipped_dome,
+)
 
 SHIPPED = files("tactibench_sim").joinpath(instances.FILE)
-NOMINAL, DOMES = table_file.shipped(), instances.shipped()
+NOMINAL, DOMES = shipped_dome(), instances.shipped()
 ALL = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]
 few = settings(max_examples=12)
 anywhere = st.tuples(st.floats(-1, 1), st.floats(-1, 1))
@@ -119,7 +124,7 @@ def test_an_individual_is_told_apart():
     assert again.parameters["instance"] == 2
     assert again.parameters["between"] == DOMES.digest
     assert json.loads(json.dumps(again.parameters)) == again.parameters
-    assert NOMINAL.parameters == table_file.shipped().parameters
+    assert NOMINAL.parameters == shipped_dome().parameters
     assert "instance" not in NOMINAL.parameters
 
 

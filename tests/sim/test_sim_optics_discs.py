@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.noise import streams
-from tactibench_sim.optics.renderer import Renderer, gaussian_taps, glare, vignetting
+from tactibench_sim import Optics, Renderer, gaussian_taps, glare, streams, vignetting
 
 FLAT = {"vignetting": 0.0, "background": 0.0, "brightness": 1.0}
 

@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
 from tactibench import UserError
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.lens import project, slope_per_mm
-from tactibench_sim.optics.noise import Noise
+from tactibench_sim import Noise, Optics, project, slope_per_mm
 
 AIR = {"gel_index": 1.0, "window_index": 1.0}
 PATHS = st.tuples(

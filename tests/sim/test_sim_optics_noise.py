@@ -5,11 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-
 from tactibench_sim.optics import kernels
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.noise import Noise, normal_table, streams
-from tactibench_sim.optics.renderer import Renderer
+
+from tactibench_sim import Noise, Optics, Renderer, normal_table, streams
 
 SEED = np.random.SeedSequence(3)
 NOTHING = np.empty((1, 0))

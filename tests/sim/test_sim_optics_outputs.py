@@ -10,12 +10,21 @@ from hypothesis import strategies as st
 from scipy.ndimage import correlate1d
 
 from tactibench import UserError
+from tactibench_sim import (
+    SPREAD,
+    TACTIP_127,
+    TACTIP_331,
+    Noise,
+    Optics,
+    Renderer,
+    Spread,
+    glare,
+    lost_pins,
+    optics_from,
+    perturb,
+    streams,
+)
 from tactibench_sim.hooks import OPTICAL, tactibench_sensors
-from tactibench_sim.instances import SPREAD, Spread, lost_pins, perturb
-from tactibench_sim.optics.camera import Optics, optics_from
-from tactibench_sim.optics.noise import Noise, streams
-from tactibench_sim.optics.renderer import Renderer, glare
-from tactibench_sim.sensor import TACTIP_127, TACTIP_331
 
 DISCS = np.array([[[20.0, 44.0]], [[30.0, 36.0]], [[6.0, 5.0]]])
 SEED = np.random.SeedSequence(1)

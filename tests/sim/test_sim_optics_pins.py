@@ -9,10 +9,16 @@ from scipy import ndimage
 from scipy.optimize import least_squares, linear_sum_assignment
 
 from tactibench import SensorContext
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.lens import project
-from tactibench_sim.pins import HEXAGON, RINGS, layout, polar_angles
-from tactibench_sim.sensor import TacTip127, TacTip331
+from tactibench_sim import (
+    HEXAGON,
+    RINGS,
+    Optics,
+    TacTip127,
+    TacTip331,
+    layout,
+    polar_angles,
+    project,
+)
 
 REAL = Path(
     os.environ.get(

@@ -10,12 +10,9 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from tactibench import UserError
-from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.planar import mechanics as tables
-from tactibench_sim.planar.mechanics import PadMechanics
-from tactibench_sim.planar.sensor import square_grid
+from tactibench_sim import PadMechanics, Tips, square_grid
 
-PAD = tables.shipped()
+PAD = shipped_dome()
 COUPLED, SUPERPOSED = PadMechanics(PAD), PadMechanics(PAD, "superpose")
 MARKERS = square_grid(14, 1.5)
 DEEPEST = PAD.deepest

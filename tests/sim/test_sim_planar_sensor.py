@@ -9,11 +9,8 @@ import pytest
 
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import true_contacts
-from tactibench_sim import data_file, hooks
-from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim import PLANAR_GRID, PlanarGrid, Tips, data_file, hooks, pad_tips
 from tactibench_sim.planar import mechanics as tables
-from tactibench_sim.planar.mechanics import pad_tips
-from tactibench_sim.planar.sensor import PLANAR_GRID, PlanarGrid
 
 GRID = Grid.centred(64, 0.4)
 
@@ -178,7 +175,7 @@ def test_the_spec_fits_the_class():
 
 
 def test_the_pad_is_as_thick_to_the_camera_as_to_the_tips():
-    assert PLANAR_GRID.optics.gel_mm == tables.shipped().thickness == sensor().optics.gel_mm
+    assert PLANAR_GRID.optics.gel_mm == shipped_dome().thickness == sensor().optics.gel_mm
 
 
 def test_an_instance_differs_in_its_camera_not_in_its_pad():
@@ -226,7 +223,7 @@ def test_a_table_of_ones_own(tmp_path):
     with np.load(str(files("tactibench_sim.planar").joinpath(tables.FILE))) as archive:
         arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
     arrays["t"] = arrays["t"] * np.float32(0.5)
-    pad = {**tables.shipped().parameters["pad"], "thickness": 6.0}
+    pad = {**shipped_dome().parameters["pad"], "thickness": 6.0}
     data_file.write(mine, arrays, {"pad": pad, "solver": "none"})
     one, other = sensor(), sensor(table=str(mine))
     assert other.optics.gel_mm == 6.0

@@ -10,20 +10,24 @@ import pytest
 from scipy.interpolate import RectBivariateSpline
 from tac_vgnn import tac_vgnn_folder
 
-from tactibench_sim.real.calibration import SHIPPED, WITHOUT, Calibration, Unknowns, shipped
-from tactibench_sim.real.comparison import checkerboard, compare, error_table, errors_of
-from tactibench_sim.real.fit import fit, rig_of
-from tactibench_sim.real.plate import (
+from tactibench_sim import (
     FILE,
+    SHIPPED,
+    WITHOUT,
+    Calibration,
     Labels,
     Rig,
+    Unknowns,
     directions,
     displacements,
     drag_mm,
     indentation,
     kinds,
     plate,
+    shipped,
 )
+from tactibench_sim.real.comparison import checkerboard, compare, error_table, errors_of
+from tactibench_sim.real.fit import fit, rig_of
 from tactibench_sim.real.recording import Presses
 
 STRAIGHT = Unknowns(centre_x=179.5, centre_y=179.5, drag_per_mm=-0.6)

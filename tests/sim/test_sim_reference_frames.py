@@ -2,17 +2,23 @@
 
 import numpy as np
 import pytest
+from tactibench_sim.reference_frames import frames as validate_frames
+from tactibench_sim.reference_frames.hooks import tactibench_sensors
 
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import tip_depths, tip_positions, true_contacts
-from tactibench_sim import hooks
-from tactibench_sim.reference_frames import frames as validate_frames
-from tactibench_sim.reference_frames import scenes as reference
-from tactibench_sim.reference_frames.hooks import tactibench_sensors
-from tactibench_sim.reference_frames.sensor import Reference127, Reference331, press_of, scene_of
-from tactibench_sim.sensor import TacTip127, TacTip331
+from tactibench_sim import (
+    Reference127,
+    Reference331,
+    TacTip127,
+    TacTip331,
+    hooks,
+    press_of,
+    reference_scenes,
+    scene_of,
+)
 
-SCENES = reference.shipped()
+SCENES = reference_scenes()
 
 
 def context(seed=0):

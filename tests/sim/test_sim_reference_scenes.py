@@ -6,11 +6,10 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from tactibench_sim.pins import layout
-from tactibench_sim.reference_frames import scenes as reference
+from tactibench_sim import layout, reference_scenes
 
 SHIPPED = files("tactibench_sim.reference_frames").joinpath(reference.FILE)
-SCENES = reference.shipped()
+SCENES = reference_scenes()
 PINS = np.concatenate([layout(331), layout(127)])
 
 

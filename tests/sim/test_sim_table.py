@@ -10,11 +10,10 @@ from dome_press import press
 from hard_scenes import enclosed_volume
 from tabulate_dome import columns, normal_rotation
 
-from tactibench_sim import data_file, fem
-from tactibench_sim.mechanics import tables as table_file
+from tactibench_sim import data_file, fem, shipped_dome
 
 SHIPPED = files("tactibench_sim.mechanics").joinpath(table_file.FILE)
-TABLES = table_file.shipped()
+TABLES = shipped_dome()
 SPHERE, PLATE = TABLES.by_radius[3.0], TABLES.by_radius[math.inf]
 BOTH = pytest.mark.parametrize("one", [SPHERE, PLATE], ids=["sphere", "plate"])
 

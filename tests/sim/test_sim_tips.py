@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim.mechanics import tables
-from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim import shipped_dome
+from tactibench_sim import Tips
+from tactibench_sim import TableMechanics
 from tactibench_sim.mechanics.tip_tables import deepest, shipped
-from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.pins import layout
-from tactibench_sim.reference_frames import scenes as reference
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import TipMechanics
+from tactibench_sim import layout
+from tactibench_sim import reference_scenes
+from tactibench_sim import TacTip127
 
 PINS = layout(127)
 EXACT_MM = 0.06
@@ -21,7 +21,7 @@ EXACT_MM = 0.06
 
 @pytest.fixture(scope="module")
 def dome():
-    return TipMechanics(TableMechanics(tables.shipped(), "coupled"))
+    return TableMechanics(shipped_dome(), "coupled"))
 
 
 def tips(radius, *places):
@@ -73,7 +73,7 @@ def test_a_batch_of_many_radii_is_its_scenes_one_by_one(dome) -> None:
     depth = np.column_stack([rng.uniform(0.3, 1.4, 7), np.full(7, -np.inf)])
     depth[:4, 1] = 0.8
     together = bases(dome, Tips(xy, depth, radius))
-    nominal = TableMechanics(tables.shipped(), "coupled")
+    nominal = TableMechanics(shipped_dome(), "coupled")
     for k in range(7):
         alone = Tips(xy[k : k + 1], depth[k : k + 1], radius[k : k + 1])
         assert np.array_equal(together[k], bases(dome, alone)[0])

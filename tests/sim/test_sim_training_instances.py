@@ -13,11 +13,22 @@ from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.plugins import PluginHost
-from tactibench_sim import instances, training_instances
-from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of, perturb
-from tactibench_sim.sensor import TACTIP_127, TacTip127, TacTip331
-from tactibench_sim.tolerances import TOLERANCES, Tolerances, dome_factors, modulus
-from tactibench_sim.training_instances import TrainingInstances
+from tactibench_sim import (
+    RATIO_FACTOR,
+    SKIN_FACTOR,
+    TACTIP_127,
+    TOLERANCES,
+    TacTip127,
+    TacTip331,
+    Tolerances,
+    TrainingInstances,
+    dome_factors,
+    dome_of,
+    instances,
+    modulus,
+    perturb,
+    training_instances,
+)
 
 ENDS = st.dictionaries(
     st.sampled_from([field.name for field in dataclasses.fields(Tolerances)]), st.floats(-1, 1)
