@@ -43,8 +43,7 @@ from scipy.spatial.distance import cdist
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.markers import Tracker, Tracks, pin_graph, rest_layout
 from tactibench.plugins import PluginHost
-from tactibench_sim import Renderer
-from tactibench_sim import RenderedSensor
+from tactibench_sim import RenderedSensor, Renderer
 
 DATA = Path(
     os.environ.get(

@@ -9,7 +9,7 @@ import error_bounds as maker
 import numpy as np
 import pytest
 from error_bounds import largest, leave_out, measure, measured, reached, write
-from tactibench_sim.mechanics import tip_tables
+from other_scenes import OTHER_TIPS
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.protocols import draw_scenes, load_protocol
@@ -21,21 +21,21 @@ from tactibench_sim import (
     TableMechanics,
     TacTip127,
     TacTip331,
-    TipMechanics,
     Tips,
     angle_between,
     envelope_terms,
     reference_scenes,
     scene_bounds,
-    shipped,
-    term_counts,
+    shipped_bounds,
+    shipped_dome,
+    shipped_file,
     tips_of,
 )
 
 pytestmark = pytest.mark.long
 
 TABLES, SCENES = shipped_dome(), reference_scenes()
-OTHERS = reference.shipped_other_tips().scenes
+OTHERS = OTHER_TIPS
 COUPLED, SUPERPOSED = (TableMechanics(TABLES, tier) for tier in ("coupled", "superpose"))
 SINGLE, DUAL, TRIPLE = Indenter.single(), Indenter.dual(8.0), Indenter.triple((0, 1, 0.5))
 
@@ -63,8 +63,8 @@ def errors():
 
 
 def test_the_bounds_that_ship_are_measured_and_of_the_tables_that_ship(bounds):
-    digest, tips, stored = shipped()
-    assert (digest, tips) == (TABLES.digest, tip_shipped_dome().digest)
+    digest, tips, stored = shipped_bounds()
+    assert (digest, tips) == (TABLES.digest, shipped_file("tips.npz").digest)
     envelopes = [(getattr(stored, name), getattr(bounds, name)) for name in ("pair", "many")]
     for one, other in zip(stored.others, bounds.others, strict=True):
         assert (one.smallest, one.largest) == (other.smallest, other.largest)
@@ -93,7 +93,7 @@ def test_no_reference_scene_is_worse_than_its_bound():
 def test_a_family_of_runs_is_within_the_bound_that_the_others_give(errors, count):
     """The program of ``leave_out`` again, in full: what is left out is bounded by the others."""
     some = [one for one in errors if len(one.delta) == count]
-    factor = (shipped()[2].pair if count == 2 else shipped()[2].many).factor
+    factor = (shipped_bounds()[2].pair if count == 2 else shipped_bounds()[2].many).factor
     assert max(leave_out(some).values()) <= factor
     for name in {one.name for one in some}:
         others = maker.envelope([one for one in some if one.name != name])
@@ -107,7 +107,7 @@ def test_a_family_of_runs_is_within_the_bound_that_the_others_give(errors, count
 @pytest.mark.parametrize("sharper", [True, False])
 def test_tips_of_other_radii_are_bounded_by_those_that_stay(kind, sharper):
     """Every family, and every radius of which enough others stay, is left out in turn."""
-    bounds = shipped()[2].others[0 if sharper else 1]
+    bounds = shipped_bounds()[2].others[0 if sharper else 1]
     envelope = getattr(bounds, kind)
     errors = measure(TABLES, OTHERS)
     some = maker.other_tips(errors, bounds.smallest, bounds.largest)[kind == "pair"]
@@ -117,7 +117,7 @@ def test_tips_of_other_radii_are_bounded_by_those_that_stay(kind, sharper):
 
 
 def test_no_scene_of_another_radius_is_worse_than_its_bound():
-    mechanics = TipMechanics(COUPLED)
+    mechanics = TableMechanics(TABLES, "coupled", other_tips=True)
     for scene in OTHERS:
         u, _ = mechanics.displacement(mechanics.loads(scene.as_tips), scene.directions)
         error = np.linalg.norm(u[0] - scene.displacement, axis=1).max()
@@ -203,8 +203,8 @@ def test_another_radius_is_known_with_its_own_tables(radius, monkeypatch):
     assert of(together).tolist() == [*of(tips), *of(nominal)]
     assert np.isfinite(of(together)).all()
     assert np.isinf(of(Tips(np.zeros((1, 3, 2)), np.ones((1, 3)), tips.radius))).all()
-    other = replace(tip_shipped_dome(), digest="0")
-    monkeypatch.setattr(tip_tables, "shipped", lambda: other)
+    other = replace(shipped_file("tips.npz"), digest="0")
+    monkeypatch.setattr("tactibench_sim.error_bounds.shipped_file", lambda _: other)
     assert np.isinf(of(tips)).all()
     assert np.isfinite(of(nominal)).all()
 
@@ -215,7 +215,6 @@ def test_another_table_or_tier_or_instance_is_unknown():
     assert np.isfinite(sensor(TacTip331, tier="superpose", pin_length=1.0).error_bounds([scene]))
     assert np.isinf(bounds_of(scene, digest="0" * 64)).all()
     assert np.isinf(sensor(instance=3).error_bounds([scene])).all()
-    assert np.isinf(bounds_of(scene, tier="fem")).all()
     assert sensor(Reference127).error_bounds([scene]) is None
 
 
@@ -266,7 +265,6 @@ def test_terms_are_counted():
     added = sensor(tier="superpose").terms(scenes)
     assert added["added up"] == 2
     assert "pair" not in added
-    assert term_counts("fem", tips_of(scenes)) == {"untouched": 1, "finite elements": 5}
 
 
 def test_superposing_bounds_hold_the_difference_of_the_tiers(bounds):
@@ -274,7 +272,7 @@ def test_superposing_bounds_hold_the_difference_of_the_tiers(bounds):
     for scene in SCENES:
         if len(scene.tips) != 2:
             continue
-        loads = COUPLED.loads(scene.as_tips)
+        (loads,) = COUPLED.loads(scene.as_tips)
         fields = [
             tier.displacement(tier.loads(scene.as_tips), scene.directions)[0]
             for tier in (COUPLED, SUPERPOSED)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from tactibench_sim.commands.render import render
 
 from tactibench import Contacts, Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
@@ -110,32 +108,3 @@ def test_another_instance_has_forces_of_its_own(tactip):
 def test_where_forces_are_not_known():
     scene = Scene(SINGLE, Pose(depth=1))
     assert sensor(PlanarGrid).forces(scene) is None
-
-
-def printed(tmp_path, scene, *more):
-    arguments = [scene, "--out", str(tmp_path / "press.png"), *more]
-    result = CliRunner().invoke(render, arguments, catch_exceptions=False)
-    assert result.exit_code == 0
-    return [line for line in result.output.splitlines() if line.startswith("force")]
-
-
-def test_the_command_prints_the_force_of_each_contact(tmp_path, tactip):
-    lines = printed(tmp_path, "dual:7@x=1,yaw=30,depth=2", "--modulus", "0.5")
-    forces = tactip.forces(Scene(Indenter.dual(7), Pose(1, 0, 30, 0, 2)))
-    for line, force in zip(lines, forces, strict=True):
-        assert f"{force:.4f} E_skin mm^2 = {0.5 * force:.4f} N" in line  # 1 MPa mm^2 is 1 N
-    assert "depth 2.00 mm" in lines[0]
-
-
-def test_the_command_without_a_modulus_prints_no_newtons(tmp_path):
-    (line,) = printed(tmp_path, "single@depth=1")
-    assert line.startswith("force: 0.1733 E_skin mm^2 (")
-    assert printed(tmp_path, "single@depth=0") == ["force: 0, nothing touches"]
-
-
-@pytest.mark.parametrize("modulus", ["0", "-1", "soft"])
-def test_a_modulus_that_is_none_is_refused(tmp_path, modulus):
-    arguments = ["single@depth=1", "--out", str(tmp_path / "p.png"), "--modulus", modulus]
-    result = CliRunner().invoke(render, arguments)
-    assert result.exit_code == 2
-    assert "--modulus" in result.output

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from tactibench_sim.optics import kernels
 
-from tactibench_sim import Noise, Optics, Renderer, normal_table, streams
+from tactibench_sim import Noise, Optics, Renderer, expose, normal_table, sfc64, streams
 
 SEED = np.random.SeedSequence(3)
 NOTHING = np.empty((1, 0))
@@ -17,11 +16,9 @@ words = st.integers(0, 2**64 - 1)
 def exposed(grey, press=0, noise=Noise(), seed=SEED):  # noqa: B008 frozen
     """uint8 of a float32 array."""
     state = streams(seed, press, 1)[0]
-    kernels.sfc64(state, np.empty(12, np.uint64))
+    sfc64(state, np.empty(12, np.uint64))
     out = np.empty(grey.size, np.uint8)
-    kernels.expose(
-        grey.ravel().astype(np.float32), state, noise.shot, noise.read, normal_table(), out
-    )
+    expose(grey.ravel().astype(np.float32), state, noise.shot, noise.read, normal_table(), out)
     return out.reshape(grey.shape)
 
 
@@ -31,7 +28,7 @@ def test_the_stream_is_numpys_sfc64(a, b, c, counter, count):
     theirs = np.random.SFC64(0)
     theirs.state = {**theirs.state, "state": {"state": state.copy()}}
     ours = np.empty(count, np.uint64)
-    kernels.sfc64(state, ours)
+    sfc64(state, ours)
     assert (ours == theirs.random_raw(count)).all()
     assert (state == theirs.state["state"]["state"]).all()
 
@@ -120,7 +117,7 @@ def test_without_noise_frames_are_rounded_and_its_variance_is_rounding():
         == camera.disc_frames(NOTHING, NOTHING, NOTHING)
     ).all()
     out = np.empty(7, np.uint8)
-    kernels.expose(grey, np.zeros(4, np.uint64), 0.0, 0.0, normal_table(), out)
+    expose(grey, np.zeros(4, np.uint64), 0.0, 0.0, normal_table(), out)
     assert out.tolist() == [0, 0, 1, 100, 255, 255, 0]
     assert camera.variance(grey) == pytest.approx(np.full(7, 1 / 12))
 
