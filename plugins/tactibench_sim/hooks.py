@@ -20,7 +20,7 @@ DOME = (
     Parameter(
         "table",
         "",
-        "file of scripts/fem/tabulate_dome.py; empty: the table that ships",
+        "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
         built_in=("",),
     ),
     INSTANCE,
@@ -45,7 +45,7 @@ PLANAR = (
     Parameter(
         "table",
         "",
-        "file of scripts/fem/tabulate_pad.py; empty: the table that ships",
+        "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
         built_in=("",),
     ),
     replace(INSTANCE, help="0: nominal; N: another sensor instance (pins, camera)"),

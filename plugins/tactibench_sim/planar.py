@@ -125,7 +125,7 @@ class PadMechanics:
             raise UserError(
                 f"the indenter's radius is {missing[0]:g} mm; the planar sensor has tables for: "
                 f"{', '.join(f'{r:g} mm' for r in self.radii)}. Press one of these, or make a "
-                "table with scripts/fem/tabulate_pad.py and give it as sensor.table."
+                "table with scripts/fem/tabulate_presses.py and give it as sensor.table."
             )
         return table
 

@@ -1,6 +1,7 @@
 """What every simulated sensor keeps: order, threads, seeds, noise, descriptions, parameters."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -226,3 +227,16 @@ def test_threads_can_be_limited_from_outside(monkeypatch):
     for nonsense in ("", "0", "many", "2,1"):
         monkeypatch.setenv("OMP_NUM_THREADS", nonsense)
         assert made("planar-grid", threads=None).threads >= 1
+
+
+def test_compiled_loops_follow_the_cache_where_the_package_cannot_be_written(tmp_path):
+    for writable, expected in ((False, str(tmp_path / "numba")), (True, "None")):
+        code = (
+            f"import os; os.access = lambda *_: {writable}; import tactibench;"
+            "print(os.environ.get('NUMBA_CACHE_DIR'))"
+        )
+        env = {**os.environ, "TACTIBENCH_CACHE": str(tmp_path)}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+        )
+        assert done.stdout.strip() == expected
