@@ -28,9 +28,8 @@ from scipy.interpolate import CubicSpline
 from tactibench import UserError
 from tactibench_sim.compiled import plain
 from tactibench_sim.contact import Tips, check_reach
-from tactibench_sim.corrections import Corrections
 from tactibench_sim.kernels import Around, Array, Index, Meridians, Pairs, couple, displace
-from tactibench_sim.tables import LARGEST_MM, SMALLEST_MM, Table, Tables, tip_tables
+from tactibench_sim.tables import LARGEST_MM, SMALLEST_MM, Corrections, Table, Tables, tip_tables
 
 TIERS = ("coupled", "superpose")
 _KEPT = 16

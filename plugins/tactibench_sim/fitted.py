@@ -343,7 +343,7 @@ class FittedSensor(SimulatedSensor):
                 replace(
                     nominal,
                     yaw_deg=nominal.yaw_deg + widths.yaw_deg * yaw,
-                    # As in ``tolerances.perturb``: a wide spread leaves a tenth of the lever.
+                    # As in ``instances.perturb``: a wide spread leaves a tenth of the lever.
                     pin_length_mm=max(
                         nominal.pin_length_mm + widths.pin_length_mm * pin,
                         0.1 * nominal.pin_length_mm,

@@ -27,11 +27,11 @@ from tactibench_sim import planar_kernels
 from tactibench_sim.camera import PLANAR_GRID, optics_from
 from tactibench_sim.contact import SLACK, Tips, check_poses, pose_arrays
 from tactibench_sim.dome import TIERS
+from tactibench_sim.instances import Spread, lost_pins, perturb
 from tactibench_sim.kernels import REACH_MM as BULGE_MM
 from tactibench_sim.renderer import Renderer
 from tactibench_sim.sensor import FRAMES_PER_SECOND, SimulatedSensor
 from tactibench_sim.tables import TableFile, read_file, shipped_file
-from tactibench_sim.tolerances import Spread, lost_pins, perturb
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]

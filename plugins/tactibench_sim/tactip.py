@@ -82,14 +82,18 @@ class SimulatedTacTip(SimulatedSensor):
         self.optics = optics_from(self.preset, optical)
         lost = np.zeros(self.pins, dtype=np.bool_)
         if instance or self.optics.pin_loss:
-            from tactibench_sim import instances as others  # the nominal sensor needs none
-            from tactibench_sim.tolerances import lost_pins, perturb
+            from tactibench_sim.instances import (  # the nominal sensor needs none
+                instance_mechanics,
+                instance_tables,
+                lost_pins,
+                perturb,
+            )
 
-            self._tables = others.instance_tables(self._tables, instance)
+            self._tables = instance_tables(self._tables, instance)
             lost = lost_pins(self.pins, self.optics.pin_loss, instance)
             self.optics, self.pin_length = perturb(self.optics, pin_length, instance)
         if instance:
-            mechanics = others.instance_mechanics(tier, self._tables)
+            mechanics = instance_mechanics(tier, self._tables)
         else:  # a user's table has no tips but its own
             mechanics = TableMechanics(self._tables, tier, other_tips=not table)
         # Any: either of the two takes the loads that it has made itself.
