@@ -15,11 +15,11 @@ Left out are the twist of a tip about its own axis, what the clamped rim changes
 what friction does on the way down.
 
 The tabulated drag: a tip presses the apex and is pulled along the skin. For each unit of sideways
-force the skin moves by a field that is proportional to cos(phi) inward (W) and away from the contact (A) and to sin(phi)
-along the circles around it (V), with phi measured from the direction of the pull. The file has
-these fields for some radii and depths, from three-dimensional finite elements; between radii they
-are splines in log R at one share of the greatest depth. The skin under the tip moves by the
-compliance times the force.
+force the skin moves by a field that is proportional to cos(phi) inward (W) and away from the
+contact (A) and to sin(phi) along the circles around it (V), with phi measured from the direction of
+the pull. The file has these fields for some radii and depths, from three-dimensional finite
+elements; between radii they are splines in log R at one share of the greatest depth. The skin under
+the tip moves by the compliance times the force.
 """
 
 from __future__ import annotations

@@ -180,42 +180,40 @@ def perturb(
     """
     if instance == 0:
         return optics, pin_length_mm
+    values: dict[str, Any] = {}
     if instance >= RESERVED and spread is None:
-        step = _steps(instance)
-        light, gel = 1 + step["light"], 1 + step["background"]
-        values = {
-            name: getattr(optics, name) + step[name]
-            for name in ("principal_x", "principal_y", "roll_deg", "edge_px", "vignetting")
-        }
+        off = _differences(instance)
+        for name in ("principal_x", "principal_y", "roll_deg", "edge_px", "vignetting"):
+            values[name] = getattr(optics, name) + getattr(off, name)
+        light, gel = 1 + off.light, 1 + off.background
         values |= {
-            "gel_mm": max(optics.gel_mm + step["fill_mm"], 0.0),
-            "camera_distance_mm": optics.camera_distance_mm + step["seat_mm"] + step["fill_mm"],
+            "gel_mm": max(optics.gel_mm + off.fill_mm, 0.0),
+            "camera_distance_mm": optics.camera_distance_mm + off.seat_mm + off.fill_mm,
             "marker_radius_mm": max(
-                optics.marker_radius_mm + step["marker_radius_mm"], 0.5 * optics.marker_radius_mm
+                optics.marker_radius_mm + off.marker_radius_mm, 0.5 * optics.marker_radius_mm
             ),
-            "focal": optics.focal * (1 + step["focal"]),
+            "focal": optics.focal * (1 + off.focal),
             "brightness": optics.brightness * light,
             "background": optics.background * light * gel,
         }
+        length = pin_length_mm + off.pin_length_mm
     else:
         spread = spread or Spread()
         draws = stream(instance, "optics").uniform(-1.0, 1.0, len(fields(spread)))
-        step = {
+        steps = {
             field.name: float(share) * getattr(spread, field.name)
             for field, share in zip(fields(spread), draws, strict=True)
         }
-        values = {}
-        for name in step.keys() - {"pin_length_mm"}:
+        length = pin_length_mm + steps.pop("pin_length_mm")
+        for name, step in steps.items():
             nominal = getattr(optics, name)
-            relative = name in _RELATIVE
-            values[name] = nominal * (1 + step[name]) if relative else nominal + step[name]
+            values[name] = nominal * (1 + step) if name in _RELATIVE else nominal + step
     values["vignetting"] = min(max(values["vignetting"], 0.0), 1.0)
     values["edge_px"] = max(values["edge_px"], 0.1 * optics.edge_px)
     # A tenth of the nominal air is left, where the camera is right behind its window.
     nearest = values["gel_mm"] + optics.window_mm + 0.1 * optics.air_mm
     values["camera_distance_mm"] = max(values["camera_distance_mm"], nearest)
-    length = max(pin_length_mm + step["pin_length_mm"], 0.1 * pin_length_mm)
-    return replace(optics, **values), length
+    return replace(optics, **values), max(length, 0.1 * pin_length_mm)
 
 
 def dome_of(instance: int) -> tuple[float, float]:
@@ -226,18 +224,18 @@ def dome_of(instance: int) -> tuple[float, float]:
     if instance == 0:
         return 0.0, 0.0
     if instance >= RESERVED:
-        step = _steps(instance)
-        skin = modulus(SHORE_A + step["hardness"]) / modulus(SHORE_A)
+        off = _differences(instance)
+        skin = modulus(SHORE_A + off.hardness) / modulus(SHORE_A)
         gel = math.exp(_share(instance, "gel") * math.log(Tolerances().gel))
-        return math.log(skin / gel, RATIO_FACTOR), math.log(1 + step["skin_mm"], SKIN_FACTOR)
+        return math.log(skin / gel, RATIO_FACTOR), math.log(1 + off.skin_mm, SKIN_FACTOR)
     x, y = stream(instance, "dome").uniform(-1.0, 1.0, 2)
     return float(x), float(y)
 
 
-def _steps(instance: int) -> dict[str, float]:
-    """Return how far instance N is off the nominal sensor, by field of ``Tolerances``."""
-    widths = Tolerances()
-    return {f.name: _share(instance, f.name) * getattr(widths, f.name) for f in fields(widths)}
+def _differences(instance: int) -> Tolerances:
+    """Return how far instance N is off the nominal sensor, in every range."""
+    widths = asdict(Tolerances())
+    return Tolerances(**{name: _share(instance, name) * wide for name, wide in widths.items()})
 
 
 def _share(instance: int, name: str) -> float:

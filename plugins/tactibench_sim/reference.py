@@ -37,8 +37,6 @@ Array = npt.NDArray[np.float64]
 FILE = "scenes.npz"
 RADIUS_MM = 3.0
 """Radius of the tips of FILE."""
-LAYOUTS = (331, 127)
-"""Numbers of pins of the patterns, whose directions follow each other in every scene."""
 STEP_MM = 0.25e-3
 """Displacements are rounded to this, to fit 16 bits up to 8 mm."""
 STEP_NORMAL = 1e-4
@@ -53,7 +51,7 @@ _ALONG_NORMAL = re.compile(r"(s\d+)_[\d.]+")
 class ReferenceScene:
     """One press and its field.
 
-    P counts the pins of the patterns of LAYOUTS in order, or of the last of them.
+    P counts the pins of the patterns with 331 and 127 pins in order, or of the latter alone.
 
     Attributes:
         name: Name of the run; its scenes differ in depth.

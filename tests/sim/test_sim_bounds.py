@@ -96,14 +96,6 @@ def test_a_gaussian_edge_has_the_published_form():
     assert found[:2] == pytest.approx([sideways, sideways], rel=0.01)
 
 
-def test_information_adds_over_pins():
-    scene = tips((0.1, 0.2, 1.0))
-    one, two = bound(scene, discs((-16, 0))), bound(scene, discs((-16, 0), (16, 0)))
-    four = bound(scene, discs((-16, -16), (16, -16), (-16, 16), (16, 16)))
-    assert two == pytest.approx(one / np.sqrt(2), rel=1e-3)
-    assert four == pytest.approx(one / 2, rel=1e-3)
-
-
 def test_contacts_that_share_no_pixel_are_independent():
     places = [(-4.0, -3.5, 1.0), (4.0, -3.0, 2.0), (0.5, 4.0, 0.5)]
     clean = discs((0, 0), size=80)

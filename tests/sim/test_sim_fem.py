@@ -151,7 +151,6 @@ def test_a_tip_pushes_down_and_the_skin_gives_way(half):
     assert volume == pytest.approx(math.pi / 3 * 20**3, rel=0.01)
     flipped = b * [1, -1, 1]
     assert (field.inner(flipped) == field.inner(b) * [1, -1, 1]).all()
-    assert field.inner_normals(flipped) == pytest.approx(field.inner_normals(b) * [1, -1, 1])
 
 
 @pytest.mark.slow

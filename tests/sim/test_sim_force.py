@@ -30,12 +30,6 @@ def test_a_single_contact_at_a_node_carries_what_the_table_says(tactip):
         assert force == pytest.approx([TABLE.fields["force"][node]], rel=1e-12)
 
 
-def test_a_plate_carries_what_its_table_says(tactip):
-    plate = shipped_dome().by_radius[np.inf]
-    force = tactip.forces(Scene(Indenter.plate(), Pose(tilt=10, depth=plate.delta[16])))
-    assert force == pytest.approx([plate.fields["force"][16]], rel=1e-12)
-
-
 def test_a_single_contact_carries_the_same_in_both_tiers_and_at_every_yaw(tactip):
     for depth in (0.3, 2.2, 5.9):
         one = tactip.forces(Scene(SINGLE, Pose(2, 1, 0, 0, depth)))
@@ -73,14 +67,6 @@ def _own_depth(spacing):
     return float(depth)
 
 
-def test_near_tips_carry_less_than_each_alone(tactip):
-    alone = tactip.forces(Scene(SINGLE, Pose(depth=2)))[0]
-    sums = [tactip.forces(Scene(Indenter.dual(s), Pose(depth=2))).sum() for s in (1, 3, 5, 8)]
-    assert (np.diff(sums) > 0).all()
-    assert alone < sums[0]
-    assert sums[-1] < 2 * alone
-
-
 @pytest.mark.parametrize("indenter", [SINGLE, Indenter.dual(7), Indenter.triple((0, 0.5, 1))])
 def test_the_whole_force_grows_with_depth(tactip, indenter):
     depths = np.linspace(0.05, 6.0, 40)
@@ -96,13 +82,6 @@ def test_forces_are_in_the_order_of_the_true_contacts(tactip):
     assert len(forces) == len(contacts) == 2
     assert (np.argsort(forces) == np.argsort(contacts.depth)).all()
     assert tactip.forces(Scene(SINGLE, Pose())).shape == (0,)
-
-
-def test_another_instance_has_forces_of_its_own(tactip):
-    scene = Scene(SINGLE, Pose(depth=2))
-    other = sensor(instance=3).forces(scene)
-    assert other != pytest.approx(tactip.forces(scene), rel=1e-3)
-    assert 0.3 < other[0] / tactip.forces(scene)[0] < 3
 
 
 def test_where_forces_are_not_known():

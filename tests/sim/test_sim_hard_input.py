@@ -76,7 +76,7 @@ def test_a_depth_beyond_the_tables_of_a_tip_is_refused_with_the_range(tier):
     for radius, end in ((1.0, "1.5"), (3.0, "6.5"), (8.0, "4")):
         scene = Scene(Indenter.single(radius), Pose(depth=float(end) + 0.2))
         for call in calls(tier):
-            with pytest.raises(UserError, match=rf"tables end at {end} mm.*sensor\.tier=fem"):
+            with pytest.raises(UserError, match=rf"tables end at {end} mm"):
                 call(scene)
 
 

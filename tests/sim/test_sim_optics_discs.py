@@ -84,14 +84,6 @@ def test_other_frames_of_a_batch_and_threads_do_not_matter():
     ).all()
 
 
-def test_frames_are_the_rounded_grey_levels():
-    rng = np.random.default_rng(2)
-    x, y = rng.uniform(-5, 70, (2, 3, 40))
-    camera = Renderer(Optics(size=64, vignetting=0.5))
-    grey = camera.clean_discs(x, y, np.full((3, 40), 2.0))
-    assert abs(camera.disc_frames(x, y, np.full((3, 40), 2.0)) - grey).max() <= 0.5 + 1e-4
-
-
 def test_vignetting_is_cos4_of_the_angle_in_air():
     optics = Optics(size=101, focal=0.8, vignetting=1.0)
     assert vignetting(optics)[50, 50] == 1.0

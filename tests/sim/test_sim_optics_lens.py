@@ -127,15 +127,6 @@ def test_x_is_right_y_is_down_and_the_axis_can_be_elsewhere():
     assert moved[1] == pytest.approx(44.95 + (x - 50), abs=1e-10)
 
 
-def test_shapes_and_places_are_kept():
-    points = np.random.default_rng(0).uniform([-10, -10, 40], [10, 10, 60], (3, 4, 3))
-    x, y, radius = project(Optics(), points)
-    assert x.shape == y.shape == radius.shape == (3, 4)
-    alone = project(Optics(), points[1, 2])
-    assert (x[1, 2], y[1, 2], radius[1, 2]) == alone
-    assert project(Optics(), points - [0, 0, 35], 35.0)[0] == pytest.approx(x, rel=1e-13)
-
-
 def test_a_marker_outside_the_gel_is_refused():
     for z in (34.9, 0.0, -5.0, math.nan):
         with pytest.raises(UserError, match=r"not in the gel, which begins 35 mm"):

@@ -85,24 +85,6 @@ def test_a_batch_of_many_radii_is_its_scenes_one_by_one(dome) -> None:
             )
 
 
-def test_exchanging_the_tips_of_a_pair_changes_nothing(dome) -> None:
-    for radius in (1.0, 1.4, 4.0):
-        one = bases(dome, tips(radius, (-2, 0.5, 1.2), (2, 0, 0.7)))
-        two = bases(dome, tips(radius, (2, 0, 0.7), (-2, 0.5, 1.2)))
-        assert one == pytest.approx(two, abs=1e-12)
-
-
-def test_the_same_press_turned_about_the_axis(dome) -> None:
-    angle = np.radians(60.0)  # the hexagon of pins is turned onto itself
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    places = np.array([[4.0, 1.0], [1.0, -1.0]])
-    plain = bases(dome, tips(1.5, *np.column_stack([places, [1.5, 1.0]])))[0]
-    turned = bases(dome, tips(1.5, *np.column_stack([places @ turn.T, [1.5, 1.0]])))[0]
-    assert np.sort(np.linalg.norm(turned, axis=1)) == pytest.approx(
-        np.sort(np.linalg.norm(plain, axis=1)), abs=1e-6
-    )
-
-
 @pytest.mark.parametrize(
     ("radius", "depth", "message"),
     [
