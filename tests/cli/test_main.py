@@ -90,11 +90,11 @@ def test_the_command_alone_prints_its_help(cli: Any) -> None:
     code, out, err = cli()
     assert (code, err) == (0, "")
     assert out == cli("--help")[1] == cli("-h")[1]
-    for verb in (*VERBS, "sim"):
+    for verb in (*VERBS, "hw"):
         assert f"\n  {verb} " in out
 
 
-@pytest.mark.parametrize("verb", [*VERBS, "sim"])
+@pytest.mark.parametrize("verb", [*VERBS, "hw"])
 def test_every_verb_explains_itself(cli: Any, verb: str) -> None:
     code, out, _ = cli(verb, "--help")
     assert code == 0
@@ -102,9 +102,9 @@ def test_every_verb_explains_itself(cli: Any, verb: str) -> None:
 
 
 def test_a_group_of_a_plugin_alone_prints_its_help(cli: Any) -> None:
-    code, out, err = cli("sim")
+    code, out, err = cli("hw")
     assert (code, err) == (0, "")
-    assert out.startswith("Usage: tactibench sim ")
+    assert out.startswith("Usage: tactibench hw ")
 
 
 def test_version(cli: Any) -> None:
