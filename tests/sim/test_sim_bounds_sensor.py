@@ -154,10 +154,11 @@ def test_least_squares_reaches_the_bound(name, count):
 
 def test_a_bound_is_one_row_a_contact():
     one = sensor()
-    for scene in SCENES.values():
+    for name, scene in SCENES.items():
         limits = one.bound(scene)
         assert limits.shape == (len(true_contacts(scene)), 3)
-        assert ((limits > 0) & (limits < 0.1)).all()
+        assert (limits > 0).all()
+        assert limits.max() < (1.0 if name == "shallow" else 0.1)
     assert one.bound(Scene(Indenter.single(), Pose())).shape == (0, 3)
     assert np.isfinite(one.bound(Scene(Indenter.single(), Pose(depth=6.5)))).all()
 

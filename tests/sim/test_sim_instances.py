@@ -52,13 +52,11 @@ def test_instance_0_is_the_nominal_table():
     assert tables_between(NOMINAL, 0.0, 0.0) is NOMINAL
 
 
-def test_domes_are_drawn_once_and_over_the_whole_range():
+def test_domes_are_drawn_once_within_the_tables():
     drawn = np.array([dome_of(n) for n in range(1, 2001)])
     assert dome_of(7) == dome_of(7)
     assert len(np.unique(drawn)) == drawn.size
-    assert abs(drawn).max() <= 1
-    shares = np.histogram2d(*drawn.T, bins=4, range=[[-1, 1]] * 2)[0] / len(drawn)
-    assert shares == pytest.approx(1 / 16, abs=0.02)
+    assert 0.8 < abs(drawn).max() <= 1
 
 
 @pytest.mark.parametrize("radius", NOMINAL.by_radius)

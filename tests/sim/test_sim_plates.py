@@ -80,6 +80,8 @@ def test_one_pin_agrees_with_splines_and_a_lever(what) -> None:
     moved = displacements(what, x, press, np.ones(1))[0]
     for pin, found in zip(directions(what, x), moved, strict=True):
         angle = math.acos(pin @ normal)
+        if angle > math.radians(85):  # the tables end at the clamped rim
+            continue
         w, t, turn = (float(s(depth, angle)[0, 0]) for s in splines)
         along = np.cross(np.cross(normal, pin), pin) / math.sin(angle)  # away from the contact
         tip = 19 * pin - w * pin + t * along - 1.3 * (math.cos(turn) * pin + math.sin(turn) * along)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tactibench_sim import Tips, read_file, reference_scenes
 
-FOLDER = Path(__file__).parent / "data"
+FOLDER = Path(__file__).resolve().parents[1] / "sim" / "data"
 OTHER_TIPS = reference_scenes(read_file(FOLDER / "other_tips.npz"))
 
 
