@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench_sim import (
     NUISANCES,
     TacTip127,
@@ -226,25 +226,6 @@ def test_shift_moves_along_columns_then_rows():
     for k, (dx, dy) in enumerate([(h, 0), (0, h)]):
         expected = (spot(4 + dx, -2.5 + dy) - spot(4 - dx, -2.5 - dy)) / (2 * h)
         assert np.abs(found[k] - expected).max() < 2e-3 * np.abs(expected).max()
-
-
-def test_zoom_scales_places_and_sizes():
-    h = 1e-4  # of a wide spot both move: I(p / z), and I ~ exp(-r^2 / (2 v z^2)) / v
-    up, down = (spot(zoom=1 + d, variance=6 * (1 + d) ** 2) for d in (h, -h))
-    up = 10 + (up - 10) * (1 + h) ** 2
-    down = 10 + (down - 10) * (1 - h) ** 2
-    (found,) = derivatives(spot(), ["zoom"])
-    expected = (up - down) / (2 * h)
-    assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
-
-
-def test_names_and_counts():
-    image = spot()
-    assert derivatives(image, []).shape == (0, 41, 41)
-    assert derivatives(image, NUISANCES).shape == (7, 41, 41)
-    assert derivatives(image, ["blur", "blur"]).shape == (1, 41, 41)
-    with pytest.raises(UserError, match=r"'smell'; it has shift, roll, .*blur\.$"):
-        derivatives(image, ["roll", "smell"])
 
 
 def test_shift_and_roll_are_those_of_the_sensors_discs():

@@ -85,14 +85,3 @@ def test_every_tip_reaches_its_depth_or_stands_clear(contacts):
     assert (skin >= delta[0] - 0.004).all()  # the table's own contact stiffness
     carrying = loads[0].amplitude[0] > 1e-6
     assert skin[carrying] == pytest.approx(delta[0][carrying], abs=0.004)
-
-
-def test_far_tips_do_not_share():
-    far = tips((-11.0, 0.0, 1.0), (11.0, 0.0, 1.0))
-    assert COUPLED.loads(far)[0].amplitude[0] == pytest.approx([1, 1], abs=0.03)
-
-
-def test_neighbours_share():
-    (near,) = COUPLED.loads(tips((-3.25, 0.0, 3.0), (3.25, 0.0, 3.0)))
-    assert near.amplitude[0, 0] == pytest.approx(near.amplitude[0, 1], abs=1e-12)
-    assert 0.5 < near.amplitude[0, 0] < 0.95

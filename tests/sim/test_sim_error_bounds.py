@@ -19,7 +19,6 @@ from tactibench_sim import (
     TacTip127,
     TacTip331,
     Tips,
-    angle_between,
     envelope_terms,
     reference_scenes,
     scene_bounds,
@@ -228,19 +227,3 @@ def test_terms_are_counted():
     added = sensor(tier="superpose").terms(scenes)
     assert added["added up"] == 2
     assert "pair" not in added
-
-
-def test_superposing_bounds_hold_the_difference_of_the_tiers(bounds):
-    """Where both tiers are compared again, between the angles and depths of the table."""
-    for scene in SCENES:
-        if len(scene.tips) != 2:
-            continue
-        (loads,) = COUPLED.loads(scene.as_tips)
-        fields = [
-            tier.displacement(tier.loads(scene.as_tips), scene.directions)[0]
-            for tier in (COUPLED, SUPERPOSED)
-        ]
-        apart = np.linalg.norm(fields[0] - fields[1], axis=-1).max()
-        angle = angle_between(loads.n[:1, 0], loads.n[:1, 1])
-        first, second = loads.delta[0]
-        assert apart <= bounds.superposing(angle, np.array([first]), np.array([second]))[0]

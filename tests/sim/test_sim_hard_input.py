@@ -52,35 +52,3 @@ def test_a_pose_that_is_not_finite_is_refused(tier, name, value, indenter):
     for call in calls(tier):
         with pytest.raises(UserError, match=f"{name} {value}.*must be finite"):
             call(scene)
-
-
-@every_sensor
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_an_indenter_that_is_not_finite_is_refused(tier, axis, value):
-    offset = [0.0, 0.0, 0.0]
-    offset[axis] = value
-    with pytest.raises((UserError, ValueError), match="offset"):
-        sensor(tier).press(Scene(Indenter(3.0, ((1.0, 0, 0), tuple(offset)), "odd"), Pose(depth=1)))
-
-
-@every_sensor
-def test_a_radius_without_tables_is_refused_with_the_range(tier):
-    for call in calls(tier):
-        with pytest.raises(UserError, match=r"radius is 9 mm.*1 to 8 mm"):
-            call(Scene(Indenter.single(9.0), Pose(depth=1.0)))
-
-
-@every_sensor
-def test_a_depth_beyond_the_tables_of_a_tip_is_refused_with_the_range(tier):
-    for radius, end in ((1.0, "1.5"), (3.0, "6.5"), (8.0, "4")):
-        scene = Scene(Indenter.single(radius), Pose(depth=float(end) + 0.2))
-        for call in calls(tier):
-            with pytest.raises(UserError, match=rf"tables end at {end} mm"):
-                call(scene)
-
-
-def test_a_radius_that_is_none_cannot_be_made():
-    for radius in (0.0, -3.0, math.nan):
-        with pytest.raises(ValueError, match="must be positive"):
-            Indenter.single(radius)

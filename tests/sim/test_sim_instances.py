@@ -329,18 +329,6 @@ def test_a_training_instance_is_within_its_tolerances(instance):
     assert abs(SKIN_FACTOR**y - 1) <= wide.skin_mm + 1e-12
 
 
-def test_instances_differ_and_stay_possible():
-    nominal = Optics()
-    assert perturb(nominal, 2.0, 0) == (nominal, 2.0)
-    assert len({perturb(nominal, 2.0, n) for n in range(50)}) == 50
-    extreme = Optics(vignetting=1.0, edge_px=0.1)
-    for n in range(1, 50):
-        made, length = perturb(extreme, 0.0, n)
-        assert 0 <= made.vignetting <= 1
-        assert made.edge_px > 0
-        assert length >= 0
-
-
 def test_the_ends_of_the_tolerances_stay_within_the_tables():
     wide = Tolerances()
     for sign in (-1, 1):

@@ -111,13 +111,6 @@ def test_a_tip_in_a_dimple_carries_nothing():
     assert loads.amplitude[0].tolist() == [1.0, 0.0]
 
 
-def test_a_tip_in_a_bulge_carries_though_it_does_not_reach_the_plane():
-    height = -below((0, 0, 3.0), at=[[5.5, 0.0]])[0]
-    assert height > 0.1
-    loads = COUPLED.loads(tips((0, 0, 3.0), (5.5, 0.0, -0.5 * height)))
-    assert loads.amplitude[0, 1] > 0
-
-
 @pytest.mark.parametrize("distance", [6.5, 7.0, 8.0, 9.5, 12.0])
 @pytest.mark.parametrize("depth", [0.5, 1.0, 3.0])
 def test_both_tips_of_a_pair_reach_their_depth(distance, depth):

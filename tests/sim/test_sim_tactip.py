@@ -27,16 +27,6 @@ def test_a_press_changes_the_frame_where_it_is():
     assert down[64:].sum() > 1.5 * down[:64].sum()
 
 
-def test_an_instance_differs_in_every_run_alike():
-    frames = [sensor(seed, instance=5).press(single(depth=2)).image for seed in (1, 1, 2)]
-    assert (frames[0] == frames[1]).all()
-    rest = [sensor(seed, instance=n).rest().image for seed, n in ((1, 5), (2, 5), (1, 6), (1, 0))]
-    assert (rest[0] == rest[1]).all()
-    assert (rest[0] != rest[2]).any()
-    assert (rest[0] != rest[3]).any()
-    assert (rest[3] == sensor().rest().image).all()
-
-
 def test_lost_pins_are_not_seen():
     whole, lossy = sensor(noise=False), sensor(noise=False, pin_loss=0.2)
     assert len(lossy.directions) == 127 - 25
