@@ -20,7 +20,7 @@ from .commands.calibrate import measure_place as measure_place
 from .commands.calibrate import measure_settling as measure_settling
 from .commands.devices import check_setup as check_setup
 from .commands.devices import check_way as check_way
-from .commands.live import PressLoop as PressLoop
+from .commands.live import press_meanwhile as press_meanwhile
 from .commands.output import open_devices as open_devices
 from .geometry import PressGeometry as PressGeometry
 from .geometry import angle_between as angle_between
@@ -43,7 +43,6 @@ from .plan import CollectionPlan as CollectionPlan
 from .plan import check_plan as check_plan
 from .plan import describe_indenter as describe_indenter
 from .plan import estimate_seconds as estimate_seconds
-from .plan import indenter_settings as indenter_settings
 from .plan import is_mounted as is_mounted
 from .plan import plan_of as plan_of
 from .plan import with_smallest_turn as with_smallest_turn
@@ -58,7 +57,6 @@ from .robots import RobotState as RobotState
 from .robots import StopNowError as StopNowError
 from .robots import connect_seconds as connect_seconds
 from .robots import make_robot as make_robot
-from .robots import run_within as run_within
 from .settings import MAY_CHANGE as MAY_CHANGE
 from .settings import CameraSettings as CameraSettings
 from .settings import EnvelopeSettings as EnvelopeSettings

@@ -1,8 +1,7 @@
 """A camera whose frames are known to be fresh, and the check of a press's frames.
 
 A thread takes every frame as it comes, so that none waits in a buffer, and notes the time right
-after the driver handed it over. Frames are decoded only while somebody waits for them. The frames
-of a press are compared with the undeformed sensor.
+after the driver handed it over. The frames of a press are compared with the undeformed sensor.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ CLOSING_S = 12.0
 where a thread returns from a stream when Python ends. Opening a stream takes up to 3 s, a V4L2
 camera waits 10 s for a frame. A driver that hangs for longer is left behind."""
 KEPT = 64
-"""Frames that are kept while a caller waits; more are kept where it waits for more."""
+"""Frames that are kept for who asks a little later."""
 MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
 """Values of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
 3 aperture priority); other backends keep the normalised values of OpenCV 3."""
@@ -218,6 +217,7 @@ class Camera:
     settings.
 
     Attributes:
+        frames: Number of frames so far.
         read_back: Settings as the camera reports them; None before it is open.
         reopened: Number of times that a stalled camera was opened again without a frame since.
     """
@@ -227,12 +227,12 @@ class Camera:
         self._open = open_
         self._news = threading.Condition()
         self._threads: list[threading.Thread] = []
-        self._frames: list[CameraFrame] = []
-        self._waiting: list[int] = []
-        self._taken_ns = self._read_ns = self._started_ns = 0
-        self._count = self._run = 0
+        self._frames: deque[CameraFrame] = deque(maxlen=KEPT)
+        self._taken_ns = self._started_ns = 0
+        self._run = 0
         self._failure = ""
         self._gaps_s: deque[float] = deque(maxlen=51)
+        self.frames = 0
         self.read_back: ReadBack | None = None
         self.reopened = 0
 
@@ -271,11 +271,6 @@ class Camera:
             gaps = sorted(self._gaps_s)
         return gaps[len(gaps) // 2] if len(gaps) >= 10 else 1.0 / self._settings.fps
 
-    @property
-    def frames(self) -> int:
-        """Number of frames so far."""
-        return self._count
-
     def alive(self) -> bool:
         """Return whether a frame came within the last ``stall_s``."""
         return (time.monotonic_ns() - self._taken_ns) * 1e-9 < self._settings.stall_s
@@ -311,43 +306,34 @@ class Camera:
         return self.fresh(time.monotonic_ns(), 1)[0]
 
     def _wait(self, after_ns: int, count: int) -> list[CameraFrame]:
-        stall = self._settings.stall_s
+        stall, begun_ns = self._settings.stall_s, after_ns
+        frames: list[CameraFrame] = []
         with self._news:
-            begun_ns = time.monotonic_ns()
-            self._waiting.append(count)
-            self._frames = [frame for frame in self._frames if frame.t_ns >= after_ns][-count:]
-            try:
-                while True:
-                    frames = [frame for frame in self._frames if frame.t_ns >= after_ns]
-                    if len(frames) >= count:
-                        return frames[:count]
-                    due = max(self._taken_ns, self._started_ns, after_ns) * 1e-9 + stall
-                    left = due - time.monotonic()
-                    read = max(self._read_ns, self._started_ns, after_ns, begun_ns) * 1e-9
-                    if self._failure:
-                        raise CameraError(self._failure)
-                    if left > 0 and time.monotonic() - read > stall:
-                        raise CameraError(
-                            f"the camera {self._settings.source!r} sends frames that cannot be "
-                            "read; check camera.crop and camera.fourcc."
-                        )
-                    if left <= 0:
-                        raise CameraError(
-                            f"the camera {self._settings.source!r} gave no frame for {stall:g} s; "
-                            "check its cable."
-                        )
-                    self._news.wait(left)
-            finally:
-                self._waiting.remove(count)
-                if not self._waiting:
-                    self._frames = []
+            while len(frames) < count:
+                new = [frame for frame in self._frames if frame.t_ns >= after_ns]
+                if new:
+                    frames += new
+                    after_ns = new[-1].t_ns + 1
+                    continue
+                if self._failure:
+                    raise CameraError(self._failure)
+                last_ns = max(self._taken_ns, self._started_ns, begun_ns)
+                left = last_ns * 1e-9 + stall - time.monotonic()
+                if left <= 0:
+                    raise CameraError(
+                        f"the camera {self._settings.source!r} gave no frame for {stall:g} s that "
+                        "can be read; check its cable, camera.crop and camera.fourcc."
+                    )
+                self._news.wait(left)
+        return frames[:count]
 
     def _begin(self) -> None:
         """Start a thread that opens the camera; a thread that hangs there is left behind."""
         with self._news:
             self._run += 1
             run = self._run
-            self._failure, self._frames = "", []
+            self._failure = ""
+            self._frames.clear()
             self._started_ns = time.monotonic_ns()
         ready = threading.Event()
         failures: list[BaseException] = []
@@ -384,24 +370,20 @@ class Camera:
         """Take one frame, and return whether there may be more."""
         grabbed = capture.grab()
         t_ns = time.monotonic_ns()
-        image = self._decode(capture) if grabbed and self._waiting else None
+        image = self._decode(capture) if grabbed else None
         with self._news:
             if self._run != run:
                 return False
             if not grabbed:
                 self._failure = f"the camera {self._settings.source!r} sends no more frames."
-                self._news.notify_all()
-                return False
-            if self._taken_ns:
-                self._gaps_s.append((t_ns - self._taken_ns) * 1e-9)
-            self._taken_ns = t_ns
-            self._count += 1
-            if image is not None:
-                most = max([KEPT, *self._waiting])
-                self._frames = [*self._frames[-most:], CameraFrame(image, t_ns)]
-                self._read_ns = t_ns
-                self._news.notify_all()
-        return True
+            elif image is not None:
+                if self._taken_ns:
+                    self._gaps_s.append((t_ns - self._taken_ns) * 1e-9)
+                self._taken_ns = t_ns
+                self.frames += 1
+                self._frames.append(CameraFrame(image, t_ns))
+            self._news.notify_all()
+        return bool(grabbed)
 
     def _decode(self, capture: Any) -> Image | None:
         good, picture = capture.retrieve()

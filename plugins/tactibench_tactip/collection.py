@@ -30,7 +30,6 @@ from tactibench_tactip.plan import (
     CollectionPlan,
     by_indenter,
     check_plan,
-    indenter_settings,
     is_mounted,
     with_smallest_turn,
 )
@@ -137,8 +136,9 @@ class Collector:
             settle_s=settings.timing.settle_s,
             robot=self._station.robot.describe(),
         )
+        mounted = self._station.indenter
         groups = sorted(
-            by_indenter(todo).items(), key=lambda item: not is_mounted(settings.indenter, item[0])
+            by_indenter(todo).items(), key=lambda item: not is_mounted(mounted, item[0])
         )
         try:
             for indenter, presses in groups:
@@ -152,15 +152,12 @@ class Collector:
     def _mount(self, indenter: Indenter, count: int) -> bool:
         """Return whether the indenter is mounted; where it is not, a person is asked to do it."""
         station = self._station
-        if is_mounted(station.settings.indenter, indenter):
+        if is_mounted(station.indenter, indenter):
             return True
-        settings = indenter_settings(indenter)
-        if settings is None:
-            return False
         station.make_room()
         if not station.robot.mount(indenter) and not self._callbacks.mount(indenter, count):
             return False
-        station.mount(settings)
+        station.mount(indenter)
         return True
 
     def _press_all(self, presses: Iterable[Press]) -> None:

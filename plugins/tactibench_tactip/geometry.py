@@ -37,7 +37,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from tactibench import Pose, Scene
+from tactibench import Indenter, Pose, Scene
 from tactibench.geometry import tip_positions
 from tactibench_tactip.settings import EnvelopeSettings, FrameSettings, Pose6, Settings
 
@@ -237,14 +237,20 @@ class PressGeometry:
         return matrix((0.0, 0.0, self.z0, 180.0, 0.0, 0.0))
 
 
-def geometry_of(settings: Settings) -> PressGeometry:
-    """Return the geometry of a setup before first touch was searched."""
+def geometry_of(settings: Settings, mounted: Indenter | None = None) -> PressGeometry:
+    """Return the geometry of a setup before first touch was searched.
+
+    Args:
+        settings: Configuration of the setup.
+        mounted: The mounted indenter; None: that of the configuration.
+    """
+    mounted = mounted or settings.indenter.indenter()
     return PressGeometry(
         settings.frames,
         settings.sensor.dome_radius_mm,
         settings.contact.fixed_mm,
         settings.envelope.clearance_mm,
-        max(offset[2] for offset in settings.indenter.indenter().offsets),
+        max(offset[2] for offset in mounted.offsets),
     )
 
 

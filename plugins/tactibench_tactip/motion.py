@@ -33,7 +33,6 @@ from tactibench_tactip.robots import (
     RobotState,
     StopNowError,
     connect_seconds,
-    run_within,
 )
 from tactibench_tactip.settings import Pose6, Settings
 
@@ -41,8 +40,9 @@ T = TypeVar("T")
 
 TICK_S = 0.008
 """Period of the control loop: 125 Hz."""
-LOOK_S = 0.1
-"""Longest single wait for a job: a signal that comes just before it is handled when it ends."""
+LOOK_S, CONNECT_LOOK_S = 0.1, 0.05
+"""Longest single wait for a job, or for the connection: a signal that comes just before it is
+handled when it ends."""
 TURN_DEG_S = 50.0
 """Speed at which a tool is assumed to turn."""
 REACHED_MM, REACHED_DEG = 0.1, 0.2
@@ -313,23 +313,34 @@ class RobotThread:
         self._jobs: queue.SimpleQueue[tuple[Callable[[Mover], Any], Future[Any]] | None] = (
             queue.SimpleQueue()
         )
-        self._thread: threading.Thread | None = None
+        self._thread = threading.Thread(target=self._run, name="tactip robot", daemon=True)
 
     def __enter__(self) -> Self:
-        name = f"the robot at {self._settings.robot.address}"
+        self._thread.start()
+        seconds = connect_seconds(self._settings)
+        connected = self._submit(lambda _: self.robot.connect())
+        end = time.monotonic() + seconds
         try:
-            run_within(connect_seconds(self._settings), name, self.robot.connect, self.halt)
+            while not connected.done() and not self.halt.is_set():
+                if time.monotonic() > end:
+                    raise RobotError(
+                        f"the robot at {self._settings.robot.address} did not answer within "
+                        f"{seconds:g} s; check that it is switched on and that robot.address is "
+                        "right."
+                    )
+                wait([connected], CONNECT_LOOK_S)
+            if not connected.done():
+                raise StopNowError
+            connected.result()
         except BaseException:
+            self._jobs.put(None)
             self.robot.close()
             raise
-        self._thread = threading.Thread(target=self._run, name="tactip robot", daemon=True)
-        self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._jobs.put(None)
-        if self._thread is not None:
-            self._thread.join(10.0)
+        self._thread.join(10.0)
 
     def do(self, job: Callable[[Mover], T], deadline_s: float) -> T:
         """Return the result of a job that the robot's thread does.
@@ -344,10 +355,9 @@ class RobotThread:
         Raises:
             RobotError: The job has not ended by the deadline.
         """
-        future: Future[T] = Future()
         end = time.monotonic() + deadline_s
+        future = self._submit(job)
         try:
-            self._jobs.put((job, future))
             while not future.done() and (left := end - time.monotonic()) > 0:
                 wait([future], min(left, LOOK_S))
         except BaseException:
@@ -360,6 +370,11 @@ class RobotThread:
                 "Look at the robot."
             )
         return future.result()
+
+    def _submit(self, job: Callable[[Mover], T]) -> Future[T]:
+        future: Future[T] = Future()
+        self._jobs.put((job, future))
+        return future
 
     def _abandon(self, future: Future[Any]) -> None:
         if not future.done():

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
+import numpy as np
+
 from tactibench import Indenter, Scene, UserError
 from tactibench.lab import Press, plan_presses, press_rows
 from tactibench_tactip.geometry import (
@@ -16,7 +18,7 @@ from tactibench_tactip.geometry import (
     geometry_of,
 )
 from tactibench_tactip.motion import move_seconds
-from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
+from tactibench_tactip.settings import Pose6, Settings
 
 T = TypeVar("T")
 
@@ -222,41 +224,16 @@ def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) 
     )
 
 
-def is_mounted(mounted: IndenterSettings, indenter: Indenter) -> bool:
+def is_mounted(mounted: Indenter, indenter: Indenter) -> bool:
     """Return whether the mounted indenter is the one that a press needs."""
-    have = mounted.indenter()
-    if have.is_plate or indenter.is_plate:
-        return have.is_plate and indenter.is_plate
-    if len(have.offsets) != len(indenter.offsets):
-        return False
-    pairs = zip(have.offsets, indenter.offsets, strict=True)
-    tips = [abs(a - b) for offset, other in pairs for a, b in zip(offset, other, strict=True)]
-    return max(abs(have.radius - indenter.radius), *tips) < SAME_MM
-
-
-def indenter_settings(indenter: Indenter) -> IndenterSettings | None:
-    """Return the table [indenter] of an indenter; None: no such table can describe it."""
-    offsets = indenter.offsets
-    if indenter.is_plate:
-        settings = IndenterSettings(kind="plate")
-    elif len(offsets) == 1:
-        settings = IndenterSettings(radius_mm=indenter.radius)
-    elif len(offsets) == 2:
-        distance = offsets[1][0] - offsets[0][0]
-        if distance <= 0:
-            return None
-        settings = IndenterSettings(kind="dual", radius_mm=indenter.radius, distance_mm=distance)
-    elif len(offsets) == 3:
-        side = abs(offsets[1][0] - offsets[2][0])
-        if side <= 0 or min(offset[2] for offset in offsets) < 0:
-            return None
-        heights = (offsets[0][2], offsets[1][2], offsets[2][2])
-        settings = IndenterSettings(
-            kind="triple", radius_mm=indenter.radius, side_mm=side, heights_mm=heights
-        )
-    else:
-        return None
-    return settings if is_mounted(settings, indenter) else None
+    if mounted.is_plate or indenter.is_plate:
+        return mounted.is_plate and indenter.is_plate
+    tips, others = np.array(mounted.offsets), np.array(indenter.offsets)
+    return (
+        tips.shape == others.shape
+        and abs(mounted.radius - indenter.radius) < SAME_MM
+        and bool((np.abs(tips - others) < SAME_MM).all())
+    )
 
 
 def describe_indenter(indenter: Indenter) -> str:

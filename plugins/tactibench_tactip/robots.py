@@ -6,19 +6,15 @@ Only one thread calls a robot, and of the methods of ``Robot`` only ``connect`` 
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 from tactibench import Indenter, UserError
 from tactibench_tactip.camera import Camera, DeviceError
 from tactibench_tactip.settings import CameraSettings, Pose6, Settings
-
-T = TypeVar("T")
 
 DRIVERS = MappingProxyType(
     {
@@ -29,8 +25,6 @@ DRIVERS = MappingProxyType(
 )
 """Name in the configuration -> module and class, imported on use."""
 SIMULATION = ("tactibench_tactip.simulation", "SimulatedRobot")
-LOOK_S = 0.05
-"""Longest wait between two checks whether to stop."""
 HOMING_S = 90.0
 """Time within which a stage reaches its switches, s."""
 
@@ -167,50 +161,6 @@ def make_robot(settings: Settings) -> Robot:
 def connect_seconds(settings: Settings) -> float:
     """Return the time that connecting may take, s, with a stage's way to its switches."""
     return settings.robot.connect_s + (HOMING_S if settings.robot.homes else 0.0)
-
-
-def run_within(
-    seconds: float, name: str, job: Callable[[], T], halt: threading.Event | None = None
-) -> T:
-    """Return the result of a job that may hang; the thread of such a job is left behind.
-
-    Errors of the job are raised here.
-
-    Args:
-        seconds: Time within which the job must end.
-        name: Name of the robot, for the message.
-        job: Function without arguments.
-        halt: Event that ends the wait.
-
-    Raises:
-        RobotError: The job did not end in time.
-        StopNowError: ``halt`` was set meanwhile.
-    """
-    results: list[T] = []
-    failures: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            results.append(job())
-        except BaseException as error:  # noqa: BLE001 - raised again by the caller
-            failures.append(error)
-
-    thread = threading.Thread(target=work, name=f"tactip {name}", daemon=True)
-    thread.start()
-    end = time.monotonic() + seconds
-    halt = halt or threading.Event()
-    while thread.is_alive() and not halt.is_set() and (left := end - time.monotonic()) > 0:
-        thread.join(min(left, LOOK_S))
-    if failures:
-        raise failures[0]
-    if results:
-        return results[0]
-    if halt.is_set():
-        raise StopNowError
-    raise RobotError(
-        f"{name} did not answer within {seconds:g} s; check that it is switched on and that "
-        "robot.address is right."
-    )
 
 
 class CriRobot(Robot):

@@ -100,11 +100,11 @@ class TacTip(Sensor):
         return self._station
 
     def _check(self, scene: Scene) -> None:
-        station, mounted = self._open, self.settings.indenter
+        station, mounted = self._open, self._open.indenter
         if not is_mounted(mounted, scene.indenter):
             raise UserError(
                 f"the press needs {describe_indenter(scene.indenter)}, mounted is "
-                f"{describe_indenter(mounted.indenter())}; change the indenter and [indenter], "
+                f"{describe_indenter(mounted)}; change the indenter and [indenter], "
                 "or collect with `tactibench hw collect`."
             )
         if scene.pose.moved:

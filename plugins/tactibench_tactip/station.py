@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self, TypeVar
 
-from tactibench import Scene, UserError
+from tactibench import Indenter, Scene, UserError
 from tactibench.lab import Press
 from tactibench_tactip.camera import (
     Camera,
@@ -26,7 +26,7 @@ from tactibench_tactip.geometry import PressPath, envelope_violation, geometry_o
 from tactibench_tactip.motion import Mover, RobotThread, patience
 from tactibench_tactip.plan import CollectionPlan, check_plan, path_seconds
 from tactibench_tactip.robots import Robot, RobotError, RobotState, StopNowError, make_robot
-from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
+from tactibench_tactip.settings import Pose6, Settings
 
 T = TypeVar("T")
 
@@ -79,6 +79,7 @@ class Station:
             configuration.
 
     Attributes:
+        indenter: The mounted indenter.
         geometry: Geometry of presses, with the z0 of the latest first touch.
         rest: The undeformed sensor; None until ``look_at_rest``.
     """
@@ -90,6 +91,7 @@ class Station:
         robot = robot or make_robot(settings)
         self.camera = camera or robot.camera(settings.camera)
         self.robot_thread = RobotThread(robot, settings)
+        self.indenter = settings.indenter.indenter()
         self.geometry = geometry_of(settings)
         self.rest: Reference | None = None
         self._pressed: Scene | None = None
@@ -190,10 +192,9 @@ class Station:
 
         self.do(up)
 
-    def mount(self, indenter: IndenterSettings) -> None:
+    def mount(self, indenter: Indenter) -> None:
         """Note that another indenter was mounted; first touch has to be found again."""
-        self.settings = self.settings.model_copy(update={"indenter": indenter})
-        self.geometry = geometry_of(self.settings)
+        self.indenter, self.geometry = indenter, geometry_of(self.settings, indenter)
 
     # Checks
 

@@ -114,7 +114,7 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
     contact = station.settings.contact
     if contact.method == "fixed":
         return FirstTouch(contact.fixed_mm, 0.0, "fixed")
-    place = scene or Scene(station.settings.indenter.indenter(), Pose(*contact.at_mm))
+    place = scene or Scene(station.indenter, Pose(*contact.at_mm))
 
     def untouched_guard(mover: Mover) -> Guard:
         mover.raise_straight(station.geometry)

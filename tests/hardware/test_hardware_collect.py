@@ -152,6 +152,13 @@ def test_other_settings_are_refused_before_the_robot_moves(lab: Lab) -> None:
     assert lab.robot.moves == []
 
 
+def test_a_rehearsal_does_not_go_on_with_a_data_set(lab: Lab) -> None:
+    lab.collect_until_a_failure()
+    lab.settings = lab.settings.with_changes(robot={"address": "simulated"})
+    with pytest.raises(UserError, match="origin"):
+        lab.collect()
+
+
 def test_what_the_troubleshooting_changes_may_change(lab: Lab) -> None:
     lab.collect_until_a_failure()
     header = open_dataset(lab.folder).header

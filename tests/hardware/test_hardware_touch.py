@@ -84,12 +84,11 @@ def test_a_force_that_grows_with_the_steps_ends_a_search(
 def test_force_is_asked_of_a_robot_that_measures_it(
     make: Callable[..., Settings], robot: FakeRobot, camera: Camera
 ) -> None:
-    station = Station(make(contact={"method": "force", "force_n": 1.0}), robot, camera)
-    with camera, station, pytest.raises(UserError, match="measures none"):
-        find_touch(station, first=True)
-
-    robot.stiffness = 2.0
-    with camera, station:
+    settings = make(contact={"method": "force", "force_n": 1.0})
+    with camera, Station(settings, robot, camera) as station:
+        with pytest.raises(UserError, match="measures none"):
+            find_touch(station, first=True)
+        robot.stiffness = 2.0
         touch = find_touch(station, first=True)
     assert touch.method == "force"
     assert touch.z0_mm == pytest.approx(

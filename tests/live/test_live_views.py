@@ -13,6 +13,7 @@ from tactibench.live import (
     FrameView,
     contact_errors,
     describe_prediction,
+    has_contact,
     pack,
 )
 
@@ -76,14 +77,15 @@ def test_a_view_shows_frame_map_contacts_and_error(read: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("prediction", "words"),
+    ("prediction", "words", "seen"),
     [
-        (None, "no contact"),
-        (NONE, "no contact"),
-        (ONE, "(+1.00, +2.00) 1.50 mm"),
-        (TWO, "(+1.00, +2.00) 1.50 mm; (-4.00, +0.00) 2.00 mm"),
-        (PlatePose(1.0, 3.25), "plate 1.00 mm deep, tilted 3.2 deg"),
+        (None, "no contact", False),
+        (NONE, "no contact", False),
+        (ONE, "(+1.00, +2.00) 1.50 mm", True),
+        (TWO, "(+1.00, +2.00) 1.50 mm; (-4.00, +0.00) 2.00 mm", True),
+        (PlatePose(1.0, 3.25), "plate 1.00 mm deep, tilted 3.2 deg", True),
     ],
 )
-def test_a_prediction_in_words(prediction: Any, words: str) -> None:
+def test_a_prediction_in_words(prediction: Any, words: str, seen: bool) -> None:
     assert describe_prediction(prediction) == words
+    assert has_contact(prediction) is seen

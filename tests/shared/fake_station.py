@@ -183,6 +183,7 @@ def stand_in(make: Callable[[Settings], FakeRobot], patch: Any) -> None:
     patch.setitem(sys.modules, module.__name__, module)
     names = dict.fromkeys(("ur", "grbl", "cri"), (module.__name__, "make"))
     patch.setattr("tactibench_tactip.robots.DRIVERS", names)
+    patch.setattr("tactibench_tactip.robots.SIMULATION", names["ur"])
 
 
 def finish(robot: Any) -> None:

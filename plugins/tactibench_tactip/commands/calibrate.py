@@ -137,7 +137,7 @@ def measure_place(
     Raises:
         UserError: A search or a press failed, or may not be made.
     """
-    indenter = station.settings.indenter.indenter()
+    indenter = station.indenter
     angles = [2.0 * math.pi * k / points for k in range(points)]
     spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in angles)]
     deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
@@ -240,7 +240,7 @@ def measure_settling(station: Station, depth: float, seconds: float) -> float:
         StopNowError: Somebody asked to stop.
         UserError: The press is too deep for the sensor.
     """
-    scene = Scene(station.settings.indenter.indenter(), Pose(depth=depth))
+    scene = Scene(station.indenter, Pose(depth=depth))
     path, rest = station.path(scene), station.rest_reference()
     frames: list[CameraFrame] = []
     with station.at(scene):

@@ -88,7 +88,7 @@ def plan(
     for indenter, group in planned.mounts():
         name, seconds = describe_indenter(indenter), estimate_seconds(group, settings)
         total += seconds
-        mounted = "mounted" if is_mounted(settings.indenter, indenter) else ""
+        mounted = "mounted" if is_mounted(settings.indenter.indenter(), indenter) else ""
         hands += not mounted
         rows.append((name, f"{len(group):,}", format_duration(seconds), mounted))
         figures += [("presses", name, len(group), ""), ("time", name, seconds, "s")]

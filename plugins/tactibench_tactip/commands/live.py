@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import click
 import numpy as np
@@ -37,7 +37,6 @@ from tactibench_tactip.commands.output import (
 )
 from tactibench_tactip.plan import is_mounted, plan_of, with_smallest_turn
 from tactibench_tactip.robots import StopNowError, make_robot
-from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import REST_FRAMES, Station
 from tactibench_tactip.touch import find_touch
 
@@ -99,11 +98,11 @@ def live(
         model, protocol, params=params, data=data, regime=regime, sensor=sensor, untrained=untrained
     )
     with open_devices(**device) as settings, ExitStack() as stack:
-        presses: PressLoop | None = None
+        presses: Future[None] | None = None
         if press:
-            presses = stack.enter_context(PressLoop(settings))
-            camera, rest = presses.station.camera, presses.station.rest_reference().image
-            presses.begin()
+            station = stack.enter_context(Station(settings))
+            camera, rest = station.camera, station.rest_reference().image
+            presses = stack.enter_context(press_meanwhile(station))
         else:
             camera = stack.enter_context(make_robot(settings).camera(settings.camera))
             rest = Reference.of(camera.fresh(time.monotonic_ns(), REST_FRAMES)).image
@@ -120,7 +119,7 @@ def live(
             elif terminal:
                 line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
                 click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
-            return presses is None or not presses.failed
+            return presses is None or not presses.done() or presses.exception() is None
 
         raw_ms, dropped = watch(camera, network, rest, frames, show)
     if terminal:
@@ -182,72 +181,43 @@ def watch(
     return raw, max(0, camera.frames - start - len(raw)) / len(raw)
 
 
-class PressLoop:
-    """Presses in a thread while a person watches: the singles of exp1.
+@contextmanager
+def press_meanwhile(station: Station) -> Iterator[Future[None]]:
+    """Press the singles of exp1 in a thread, while the block watches the camera.
 
-    On exit, the error that ended the presses is raised.
+    The error that ended the presses is raised at the end of the block.
+
+    Args:
+        station: An open station.
+
+    Yields:
+        The presses, which are done when all are made or one failed.
+
+    Raises:
+        UserError: First touch is not found, or a press may not be made.
     """
+    plan = plan_of("exp1", station.settings, draws=("singles",), count=100)
+    find_touch(station, first=True)
+    station.check_plan(plan)
+    ended = threading.Event()
 
-    def __init__(self, settings: Settings) -> None:
-        self.station = Station(settings)
-        self._plan = plan_of("exp1", settings, draws=("singles",), count=100)
-        self._end = threading.Event()
-        self._thread: threading.Thread | None = None
-        self._failure: Exception | None = None
-
-    def __enter__(self) -> Self:
-        self.station.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._end.set()
-        if self._thread is not None:
-            self._thread.join(END_S)
-            if self._thread.is_alive():
-                self.station.stop_now()
-                self._thread.join(END_S)
-        failure = self._failure
-        if error is not None or failure is None:
-            self.station.__exit__(kind, error, trace)
-            return
-        self.station.__exit__(type(failure), failure, failure.__traceback__)
-        raise failure
-
-    @property
-    def failed(self) -> bool:
-        """True once an error ended the presses."""
-        return self._failure is not None
-
-    def begin(self) -> None:
-        """Find first touch and start the presses.
-
-        Raises:
-            UserError: First touch is not found, or a press may not be made.
-        """
-        station = self.station
-        find_touch(station, first=True)
-        station.check_plan(self._plan)
-        self._thread = threading.Thread(target=self._run, name="tactip presses", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        station = self.station
-        for press in self._plan.presses:
+    def press_all() -> None:
+        for press in plan.presses:
             scene = with_smallest_turn(press.scene)
-            if self._end.is_set() or not is_mounted(station.settings.indenter, scene.indenter):
+            if ended.is_set() or not is_mounted(station.indenter, scene.indenter):
                 return
-            try:
-                station.press(scene)
-            except StopNowError:
-                return
-            except Exception as error:  # noqa: BLE001 - raised again on exit
-                self._failure = error
-                return
+            station.press(scene)
+
+    with ThreadPoolExecutor(1, "tactip presses") as pool:
+        presses = pool.submit(press_all)
+        try:
+            yield presses
+        finally:
+            ended.set()
+            if not wait([presses], END_S).done:
+                station.stop_now()
+    with suppress(StopNowError):
+        presses.result()
 
 
 def _print_latency(

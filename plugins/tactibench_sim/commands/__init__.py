@@ -1,0 +1,1 @@
+"""The command `tactibench sim`: what it draws, compares and fits."""

@@ -1,0 +1,1 @@
+"""A flat gel pad with a square grid of markers, seen from below."""

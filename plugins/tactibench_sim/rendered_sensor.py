@@ -1,0 +1,262 @@
+"""The base of sensors whose frames are rendered, and threads that make batches in advance."""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from typing import Self, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.optics.camera import NUISANCES
+from tactibench_sim.optics.noise import streams
+from tactibench_sim.optics.renderer import Renderer
+
+Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+BATCH = 64
+"""Presses that one thread makes at a time."""
+FRAMES_PER_SECOND = 30.0
+"""Nominal rate behind the timestamps; a simulated sensor has no clock."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Frames of some consecutive presses.
+
+    Attributes:
+        first: Number of the first press.
+        scenes: The scenes that were pressed.
+        images: One image a scene.
+        error: The mistake in the scene after these, if any.
+    """
+
+    first: int
+    scenes: Sequence[Scene]
+    images: Sequence[Images]
+    error: UserError | None = None
+
+
+class RenderedSensor(Sensor):
+    """A sensor whose frames are rendered from its markers, whose places a subclass computes.
+
+    Frames depend on the scene, the parameters and, for their noise, on the seed and the number of
+    presses since the sensor was opened. They do not depend on how presses are grouped or on how
+    many threads make them.
+    """
+
+    def __init__(
+        self, context: SensorContext, renderer: Renderer, resting: Array, threads: int | None = None
+    ) -> None:
+        """Render the rest frame.
+
+        Args:
+            context: The seed of the noise.
+            renderer: The camera.
+            resting: (P, 3) places of the untouched markers, mm.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
+        """
+        self.renderer = renderer
+        self.threads = threads or thread_count()
+        self._seed = context.seed
+        self._rest: Images = renderer.frames(resting[None])[0]
+        self._rest.setflags(write=False)
+        self._count = 0
+
+    @abstractmethod
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        """Return the (S, P, 3) places of the markers in S scenes, mm, as ``Renderer`` takes them.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+
+    def __enter__(self) -> Self:
+        """Start again with the first press."""
+        self._count = 0
+        return self
+
+    def rest(self) -> Frame:
+        """Return the frame of the undeformed sensor, without noise."""
+        return Frame(self._rest, self._count / FRAMES_PER_SECOND, Pose(), self._rest)
+
+    def press(self, scene: Scene) -> Frame:
+        """Press once.
+
+        Raises:
+            UserError: The scene cannot be pressed.
+        """
+        return self._frame(scene, self._images([scene], self._count)[0])
+
+    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
+        """Press in order. Batches are made in advance on threads.
+
+        A press counts when its frame is taken.
+
+        Raises:
+            UserError: A scene cannot be pressed. The frames before it are yielded first.
+        """
+        for batch in prefetch(self._make, self._batches(scenes), self.threads):
+            for k, (scene, image) in enumerate(zip(batch.scenes, batch.images, strict=True)):
+                if self._count == batch.first + k:
+                    yield self._frame(scene, image)
+                else:  # the caller pressed in between, so this press has another number and noise
+                    yield self.press(scene)
+            if batch.error is not None:
+                raise batch.error
+
+    def _batches(self, scenes: Iterable[Scene]) -> Iterator[tuple[int, list[Scene]]]:
+        source, first = iter(scenes), self._count
+        while batch := list(islice(source, BATCH)):
+            yield first, batch
+            first += len(batch)
+
+    def _make(self, numbered: tuple[int, list[Scene]]) -> _Batch:
+        first, scenes = numbered
+        try:
+            return _Batch(first, scenes, list(self._images(scenes, first)))
+        except UserError:
+            images: list[Images] = []
+            for k, scene in enumerate(scenes):
+                try:
+                    images.append(self._images([scene], first + k)[0])
+                except UserError as error:
+                    return _Batch(first, scenes[:k], images, error)
+            raise
+
+    def _images(self, scenes: Sequence[Scene], first: int) -> Images:
+        states = streams(self._seed, first, len(scenes))
+        return self.renderer.frames(self.points(scenes), states)
+
+    def _frame(self, scene: Scene, image: Images) -> Frame:
+        """Count the next press and return its frame.
+
+        The image is copied, so that its whole batch does not stay in memory.
+        """
+        rest = self._rest_of(self._count)
+        self._count += 1
+        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, rest)
+
+    def _rest_of(self, number: int) -> Images:  # noqa: ARG002 - one sensor has one rest frame
+        """Return the rest image of the sensor instance on which press ``number`` is made."""
+        return self._rest
+
+
+class BoundedSensor(RenderedSensor):
+    """A rendered sensor that knows how well its frames tell contacts.
+
+    Its contacts are tips, and the places of its markers are smooth in where and how deep they are.
+    """
+
+    nuisances = NUISANCES
+
+    @abstractmethod
+    def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
+        """Return the tips of scenes.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+
+    @abstractmethod
+    def places(self, tips: Tips) -> Array:
+        """Return the (S, P, 3) places of the markers under tips, mm, as ``Renderer`` takes them.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        """Return the (S, P, 3) places of the markers in S scenes, mm, as ``Renderer`` takes them.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        return self.places(self.indenter_tips(scenes))
+
+    def clean(self, tips: Tips) -> Array:
+        """Return (S, size, size) grey levels without noise.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        return self.renderer.clean(self.places(tips))
+
+    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
+        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
+
+        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
+        reached there.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+        """
+        from tactibench_sim.bounds import covariance  # few protocols ask for bounds
+
+        tips = self.indenter_tips([scene])
+        return covariance(tips, self.clean, self.renderer.variance, nuisances)
+
+    def bound(self, scene: Scene) -> Array:
+        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
+        from tactibench_sim.bounds import deviations
+
+        return deviations(self.covariance(scene))
+
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
+        """Return the squared d' of the scene's two contacts against the nearest single one.
+
+        ``nuisances`` are those of ``covariance``.
+        """
+        from tactibench_sim.detection import deviance  # few protocols ask for limits
+
+        tips = self.indenter_tips([scene])
+        return deviance(tips, self.clean, self.renderer.variance, nuisances)
+
+
+def thread_count() -> int:
+    """Return how many threads this process may use: OMP_NUM_THREADS, or else its processors."""
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdecimal() and int(limit) > 0:
+        return int(limit)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def prefetch(
+    work: Callable[[Item], Result], items: Iterable[Item], threads: int
+) -> Iterator[Result]:
+    """Yield ``map(work, items)``, computed on threads at most threads + 1 items in advance.
+
+    With one thread nothing is computed before it is needed. When the consumer stops, items that
+    have not begun are dropped, and the function waits for those that have.
+
+    Raises:
+        Exception: Whatever ``work`` or ``items`` raises.
+    """
+    if threads == 1:
+        yield from map(work, items)
+        return
+    source = iter(items)
+    waiting: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="tactibench-sim")
+    try:
+        while True:
+            for item in islice(source, threads + 1 - len(waiting)):
+                waiting.append(pool.submit(work, item))
+            if not waiting:
+                return
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,372 @@
+"""Guards, stops and limits: whatever happens, the tool is drawn back or left and told of."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_station import FIXED_TOUCH, TRUE_Z0, FakeRobot, make_settings, stand_in
+
+from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.datasets import open_dataset
+from tactibench.lab import Press
+from tactibench_tactip import (
+    Camera,
+    CollectionPlan,
+    GuardError,
+    Mover,
+    Pose6,
+    ProtectiveStopError,
+    RobotError,
+    RobotThread,
+    Settings,
+    Station,
+    collect,
+    dry_run,
+    measure_place,
+    measure_settling,
+    press_meanwhile,
+)
+
+MAIN = threading.main_thread().ident or 0
+SCENE = Scene(Indenter.single(), Pose(depth=2.0))
+PLAN = CollectionPlan("test", (Press(0, "p", SCENE),), {"all": {"train": [0]}})
+OTHER = Press(1, "q", SCENE)
+
+
+class Looking(FakeRobot):
+    """The control loop turns a few times in every move."""
+
+    ticks = 0
+
+    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
+        self.busy, self.ticks = True, 3
+        super().start(pose, speed, acceleration)
+
+    def moving(self) -> bool:
+        self.ticks -= 1
+        self.busy = self.busy and self.ticks > 0
+        return self.busy
+
+
+@pytest.fixture
+def settings() -> Settings:
+    return make_settings(contact=FIXED_TOUCH)
+
+
+@pytest.fixture
+def robot(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Looking:
+    """The robot of every station that is made, with a camera beside it."""
+    robot = Looking(settings)
+    stand_in(lambda _: robot, monkeypatch)
+    return robot
+
+
+def test_a_held_press_ends_when_the_arm_stops(settings: Settings, robot: Looking) -> None:
+    """Whoever looks at the camera alone would look for 30 s at an arm that stands still."""
+    begin = time.monotonic()
+    station = Station(settings)
+    down = station.down
+
+    def stopped(mover: Mover, path: Any) -> int:
+        moment = down(mover, path)
+        robot.normal, robot.stopped = False, True
+        return moment
+
+    station.down = stopped  # type: ignore[method-assign]
+    with pytest.raises(ProtectiveStopError, match="not normal"), station:
+        measure_settling(station, 2.0, 30.0)
+    assert time.monotonic() - begin < 10.0
+
+
+class TestForce:
+    def test_of_a_settling_test(self, settings: Settings, robot: Looking) -> None:
+        with Station(settings) as station:
+            station.look_at_rest()
+            robot.stiffness = 20.0
+            with pytest.raises(GuardError, match="max_force_n"):
+                measure_settling(station, 3.0, 1.0)
+            assert robot.depth() == 0.0
+
+    def test_of_a_dry_run(self, settings: Settings, robot: Looking) -> None:
+        """Somebody left a hand where the tool goes."""
+        begin, robot.force = robot.start, (0.0, 0.0, 0.0)
+
+        def start(pose: Pose6, speed: float, acceleration: float) -> None:
+            begin(pose, speed, acceleration)
+            robot.force = (0.0, 0.0, 30.0 if len(robot.moves) > 2 else 0.0)
+
+        robot.start = start  # type: ignore[method-assign]
+        with pytest.raises(GuardError, match="max_force_n"):
+            dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+
+    def test_of_presses_while_somebody_watches(self, settings: Settings, robot: Looking) -> None:
+        def stiff() -> None:
+            robot.stiffness = 20.0
+
+        with pytest.raises(GuardError, match="max_force_n"):
+            watch(settings, stiff)
+
+
+class TestDrawnBack:
+    """The robot is stopped when it holds the deepest place: the tool stays there."""
+
+    def test_by_a_dry_run(
+        self, settings: Settings, robot: Looking, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        down = Station.down
+
+        def stopped(station: Station, mover: object, path: object) -> int:
+            found = down(station, mover, path)  # type: ignore[arg-type]
+            robot.normal, robot.stopped = False, True
+            return found
+
+        monkeypatch.setattr(Station, "down", stopped)
+        with pytest.raises(RobotError, match="left where it is"):
+            dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+
+
+def watch(settings: Settings, first: Callable[[], None]) -> None:
+    """Until the presses ended; first: once the robot is there."""
+    with Station(settings) as station:
+        first()
+        with press_meanwhile(station) as presses:
+            assert presses.exception(20.0) is not None
+
+
+class TestStopsAtOnce:
+    """SIGTERM before the first press: no traceback, and no split."""
+
+    @pytest.fixture
+    def low(self, robot: Looking) -> Looking:
+        """Stands low, so that entering moves it; a signal comes then."""
+        x, y, z, *turn = robot.at
+        robot.at = (x, y, z - 35.0, *turn)  # type: ignore[assignment]
+        assert robot.tool()[2] > -10.0
+
+        def sent(_: int) -> None:
+            robot.ticks = 10**9  # it does not arrive
+            signal.pthread_kill(MAIN, signal.SIGTERM)
+
+        robot.fails = sent
+        return robot
+
+    def test_a_collection(self, settings: Settings, low: Looking, tmp_path: Path) -> None:
+        report = collect(settings, PLAN, tmp_path / "data")
+        assert report.interrupted
+        assert report.left == 1
+        dataset = open_dataset(tmp_path / "data")
+        assert dataset.header.status == "open"
+        assert not dataset.splits
+        assert low.closed
+
+    def test_a_dry_run(self, settings: Settings, low: Looking) -> None:
+        assert dry_run(settings, PLAN.presses, 20.0, lambda _: None) == 0
+        assert low.closed
+
+
+def test_a_protective_stop_while_watched_is_told(settings: Settings, robot: Looking) -> None:
+    def stop_in_the_skin(_: int) -> None:
+        if robot.tool()[2] > 0.5:
+            robot.normal, robot.stopped = False, True
+
+    with pytest.raises(RobotError, match="not normal"):
+        watch(settings, lambda: setattr(robot, "fails", stop_in_the_skin))
+
+
+TICKS = 150
+
+
+class SlowRobot(FakeRobot):
+    """Its first move into the skin lasts TICKS turns of the control loop. begun: told of it."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings)
+        self.log: list[str] = []
+        self.left = 0
+        self.begun: Callable[[], None] = lambda: None
+
+    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
+        super().start(pose, speed, acceleration)
+        self.log.append("start")
+        if self.tool()[2] > 0.5 and "slow" not in self.log:
+            self.log.append("slow")
+            self.busy, self.left = True, TICKS
+            self.begun()
+
+    def moving(self) -> bool:
+        if self.busy:
+            self.left -= 1
+            if self.left == 0:
+                self.busy = False
+                self.log.append("finished")
+        return self.busy
+
+    def stop(self) -> None:
+        super().stop()
+        self.log.append("stop")
+
+
+@pytest.fixture
+def slow(settings: Settings) -> SlowRobot:
+    return SlowRobot(settings)
+
+
+def withdrawn_after_a_stop(robot: SlowRobot) -> bool:
+    after = robot.log[robot.log.index("slow") + 1 :]
+    clear = TRUE_Z0 - robot.settings.envelope.clearance_mm
+    return after[0] == "stop" and after[-1] == "start" and robot.tool()[2] < clear + 0.1
+
+
+def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
+    settings: Settings,
+    slow: SlowRobot,
+    camera: Camera,
+    press_of: Callable[..., Scene],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with camera, Station(settings, slow, camera) as station:
+        station.look_at_rest()
+        monkeypatch.setattr("tactibench_tactip.station.patience", lambda *_: 0.05)
+        with pytest.raises(RobotError, match="told to stop"):
+            station.press(press_of())
+        assert withdrawn_after_a_stop(slow)
+        assert not station.robot_thread.halt.is_set()
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """A process that was started in the background has SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_stops_a_descent(
+    settings: Settings, slow: SlowRobot, camera: Camera, press_of: Callable[..., Scene]
+) -> None:
+    """Also where nobody installed handlers of signals."""
+    main = threading.get_ident()
+    with camera, Station(settings, slow, camera) as station:
+        station.look_at_rest()
+        slow.begun = lambda: signal.pthread_kill(main, signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            station.press(press_of())
+        assert withdrawn_after_a_stop(slow)
+
+
+def test_a_job_that_nobody_waits_for_is_never_begun(slow: SlowRobot, settings: Settings) -> None:
+    held = threading.Event()
+    begun: list[str] = []
+
+    def hold(_: Mover) -> None:
+        held.wait(5.0)
+
+    with RobotThread(slow, settings) as owner:
+        for job in (hold, lambda _: begun.append("late")):
+            with pytest.raises(RobotError, match="told to stop"):
+                owner.do(job, 0.02)
+        held.set()
+    assert begun == []
+
+
+class TestLeftInTheSkin:
+    @pytest.fixture
+    def robot(self, settings: Settings) -> FakeRobot:
+        """Stopped in the skin for good."""
+        robot = FakeRobot(settings)
+
+        def stop(_: int) -> None:
+            if robot.tool()[2] > -5.0:
+                robot.normal, robot.stopped = False, True
+
+        robot.fails = stop
+        return robot
+
+    def test_an_error_says_so(
+        self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
+    ) -> None:
+        with (
+            camera,
+            pytest.raises(ProtectiveStopError) as caught,
+            Station(settings, robot, camera) as station,
+        ):
+            station.press(press_of())
+        assert "left where it is, at a press" in caught.value.__notes__[0]
+        assert robot.tool()[2] > -5.0
+
+    def test_no_error_becomes_one(
+        self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
+    ) -> None:
+        def press_and_draw_back() -> None:
+            with camera, Station(settings, robot, camera) as station:
+                with pytest.raises(ProtectiveStopError):
+                    station.press(press_of())
+                with pytest.raises(RobotError, match="left where it is"):
+                    station.draw_back()
+
+        with pytest.raises(RobotError, match="left where it is, at a press"):
+            press_and_draw_back()
+        assert robot.closed
+
+
+@pytest.fixture
+def shallow() -> Settings:
+    return make_settings(contact=FIXED_TOUCH, sensor={"deepest_mm": 1.5})
+
+
+def test_a_press_is_never_deeper_than_the_sensor_allows(
+    shallow: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
+) -> None:
+    with camera, Station(shallow, robot, camera) as station:
+        station.look_at_rest()
+        before = len(robot.moves)
+        with pytest.raises(UserError, match=r"2\.00 mm .* allows 1\.5 mm; nothing was moved"):
+            station.press(press_of(depth=2.0))
+        with pytest.raises(UserError, match="nothing was moved"):
+            measure_settling(station, 2.0, 1.0)
+        assert len(robot.moves) == before
+
+
+def test_a_calibration_is_checked_before_it_moves(
+    shallow: Settings, robot: FakeRobot, camera: Camera
+) -> None:
+    with camera, Station(shallow, robot, camera) as station:
+        before = len(robot.moves)
+        with pytest.raises(UserError, match=r"5 of 5 presses of the calibration are refused"):
+            measure_place(station, 4.0, 2.0, 4, lambda _: None)
+        with pytest.raises(UserError, match=r"4 of 5 .*half_width_mm"):
+            measure_place(station, 14.0, 1.0, 4, lambda _: None)
+        assert len(robot.moves) == before
+
+
+def test_the_speed_of_a_session_is_not_the_data_sets(
+    robot: Looking, settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    speeds: list[float] = []
+    begin = robot.start
+
+    def start(pose: object, speed: float, acceleration: float) -> None:
+        speeds.append(speed)
+        begin(pose, speed, acceleration)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(robot, "start", start)
+    folder, plan = tmp_path / "data", CollectionPlan("test", (*PLAN.presses, OTHER), {})
+    robot.fails = lambda n: (_ for _ in ()).throw(RuntimeError("x")) if n == 4 else None
+    with pytest.raises(RuntimeError):
+        collect(settings, plan, folder, speed_scale=0.1)
+    keys = settings.robot
+    assert max(speeds) <= 0.1 * max(keys.retract_mm_s, keys.approach_mm_s) + 1e-9
+    robot.fails = lambda _: None
+    assert collect(settings, plan, folder).left == 0
+    dataset = open_dataset(folder)
+    recorded = dataset.header.sensor["configuration"]["robot"]
+    assert recorded["press_mm_s"] == keys.press_mm_s
+    sessions = [event for event in dataset.events if event["kind"] == "session"]
+    assert [event["press_mm_s"] for event in sessions] == [0.1 * keys.press_mm_s, keys.press_mm_s]
