@@ -30,9 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench_sim.optics.noise import streams
-from tactibench_sim.rendered_sensor import BATCH, prefetch
-from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
+from tactibench_sim import BATCH, SimulatedTacTip, TacTip127, TacTip331, prefetch, streams
 
 SEED = np.random.SeedSequence(0)
 
@@ -121,7 +119,7 @@ def main() -> None:
                 work = stages(kind, size, presses, asked.threads)
                 each = {s: timed(w, asked.rounds, asked.count) for s, w in work.items()}
                 print(
-                    f"{kind.preset.name:11}{name:7}{size:4}"
+                    f"{kind.__name__:11}{name:7}{size:4}"
                     f"{1e6 * each['field'].median:9.0f}{1e6 * each['render'].median:10.0f}"
                     f"{'':12}{rates(each['render'], each['render N'])}"
                     f"{'':12}{rates(each['whole'], each['whole N'])}",

@@ -23,8 +23,14 @@ import numpy as np
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.protocols import CHUNK
-from tactibench_sim.instances import RESERVED, instance_mechanics, instance_tables
-from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
+from tactibench_sim import (
+    RESERVED,
+    SimulatedTacTip,
+    TacTip127,
+    TacTip331,
+    instance_mechanics,
+    instance_tables,
+)
 
 SCENES = [
     Scene(Indenter.single(), Pose(k % 9 - 4, k % 7 - 3, depth=0.5 + k % 25 / 10))
@@ -38,8 +44,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=20)
     repeats = parser.parse_args().repeats
     for kind in (TacTip127, TacTip331):
-        name = kind.preset.name
-        made(kind, instance=RESERVED, ranges=2)  # loads the tables and the compiled loops
+        name = kind.__name__
+        made(kind, instance=RESERVED)  # loads the tables and the compiled loops
         for ranges in (1, 2):
             forget()
             numbers = range(RESERVED, RESERVED + repeats)

@@ -43,8 +43,7 @@ from scipy.spatial.distance import cdist
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.markers import Tracker, Tracks, pin_graph, rest_layout
 from tactibench.plugins import PluginHost
-from tactibench_sim.optics.renderer import Renderer
-from tactibench_sim.rendered_sensor import RenderedSensor
+from tactibench_sim import Renderer, SimulatedSensor
 
 DATA = Path(
     os.environ.get(
@@ -187,7 +186,7 @@ def limit(renderer: Renderer, discs: np.ndarray) -> float:
 
 def show_simulated(host: PluginHost, name: str, count: int) -> None:
     sensor = host.sensors[name].load()(SensorContext(np.random.SeedSequence(7)))
-    assert isinstance(sensor, RenderedSensor)  # noqa: S101 - both are simulated
+    assert isinstance(sensor, SimulatedSensor)  # noqa: S101 - both are simulated
     drawn = scenes(np.random.default_rng(11), count)
     images = np.stack([frame.image for frame in sensor.press_many(drawn)])
     discs = np.stack(sensor.renderer.project(sensor.points(drawn)), axis=-1)

@@ -35,7 +35,7 @@ from tactibench import (
 from tactibench.geometry import true_contacts
 from tactibench.training import learned
 from tactibench_heatmaps.hertz import HertzGaussian
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import TacTip127
 from tactibench_unet.model import UNet
 
 Labelled = tuple[list[Frame], list[Contacts]]

@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench_sim.mechanics import tip_tables
-from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.contact import Tips
+from tactibench_sim.tables import shipped_file
 
 Array = npt.NDArray[np.float64]
 FILE = "error_bounds.json"
@@ -239,17 +239,17 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
     """Return how far a pin base of each scene may be from finite elements.
 
     Args:
-        tier: Tier of the mechanics. No bound is known for finite elements themselves.
+        tier: Tier of the mechanics, "coupled" or "superpose".
         digest: Digest of the tables; only those that ship were measured.
         tips: Tips of S scenes.
 
     Returns:
         (S,) bounds, mm; inf where they are not known.
     """
-    tables_digest, tips_digest, bounds = shipped()
+    tables_digest, tips_digest, bounds = shipped_bounds()
     n, delta = tips.directions()
     out = np.full(len(tips), np.inf)
-    if digest == tables_digest and tier in ("coupled", "superpose"):
+    if digest == tables_digest:
         rows = tips.radius == RADIUS_MM
         if rows.any():
             evaluate = bounds.coupled if tier == "coupled" else bounds.superposed
@@ -257,7 +257,7 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
         for other in bounds.others:
             rows = (tips.radius >= other.smallest) & (tips.radius <= other.largest)
             rows &= tips.radius != RADIUS_MM
-            if rows.any() and tip_tables.shipped().digest == tips_digest:
+            if rows.any() and shipped_file("tips.npz").digest == tips_digest:
                 out[rows] = other.bound(tier, n[rows], delta[rows])
     out[(delta <= 0).all(axis=1)] = 0.0  # nothing touches: the rest frame
     return out
@@ -268,27 +268,23 @@ def term_counts(tier: str, tips: Tips) -> dict[str, int]:
     n, delta = tips.directions()
     touching = delta > 0
     count = touching.sum(axis=1)
-    if tier not in ("coupled", "superpose"):
-        name = {"fem": "finite elements"}.get(tier, tier)
-        counts = {"untouched": count == 0, name: count > 0}
+    off = touching & (np.hypot(n[..., 0], n[..., 1]) > _OFF_APEX)
+    counts = {"untouched": count == 0, "single": count == 1}
+    if tier == "coupled":
+        counts |= {"pair": count == 2, "three or more": count > 2}
     else:
-        off = touching & (np.hypot(n[..., 0], n[..., 1]) > _OFF_APEX)
-        counts = {"untouched": count == 0, "single": count == 1}
-        if tier == "coupled":
-            counts |= {"pair": count == 2, "three or more": count > 2}
-        else:
-            counts["added up"] = count > 1
-        counts["rim"] = off.any(axis=1)
+        counts["added up"] = count > 1
+    counts["rim"] = off.any(axis=1)
     return {name: int(rows.sum()) for name, rows in counts.items() if rows.any()}
 
 
 @cache
-def shipped() -> tuple[str, str, Bounds]:
+def shipped_bounds() -> tuple[str, str, Bounds]:
     """Return the digests of the tables and of the tables of other tips, and the bounds of both."""
-    return from_json((resources.files(__package__) / FILE).read_text(encoding="utf-8"))
+    return bounds_from_json((resources.files(__package__) / "data" / FILE).read_text("utf-8"))
 
 
-def from_json(text: str) -> tuple[str, str, Bounds]:
+def bounds_from_json(text: str) -> tuple[str, str, Bounds]:
     """Read a file of bounds: the digests of the two tables that they are for, and the bounds."""
     content = json.loads(text)
     bounds = Bounds(

@@ -5,9 +5,6 @@ Tac-VGNN data (Fan et al., ICRA 2023): radii in the frame, turned into polar ang
 reference optics (the defaults of ``Optics``) and pins of 2 mm, whose tips lie 17 mm from the dome's
 centre. Seen by those optics, the pins at rest are therefore where the real ones are. Rotation,
 offset and aspect of the real frames are left out.
-
-The second version of the presets has optics of its own, and with them other angles: the pins are
-again where the real ones are in the frame.
 """
 
 from __future__ import annotations
@@ -19,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.lens import project
+from tactibench_sim.camera import Optics
+from tactibench_sim.renderer import project
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +30,9 @@ frame; least squares with offset, rotation and aspect free, rms residual 0.6 px 
 
 INNER_MM = 19.0
 """Radius of the nominal inner skin, on which the pins stand."""
-TIP_RADIUS_MM = INNER_MM - 2.0
+PIN_LENGTH_MM = 2.0
+"""Lever of the presets: about the length of the pins of public TacTips."""
+TIP_RADIUS_MM = INNER_MM - PIN_LENGTH_MM
 _STEEPEST = np.radians(80.0)
 """Polar angle, rad, up to which the place of a pin is sought."""
 
@@ -68,23 +67,6 @@ def places_at_rest(pins: int) -> Array:
     """
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
-
-
-def tip_shares(pins: int, square: float, fourth: float) -> Array:
-    """Return the (P,) radii of the white tips over that of the centre pin.
-
-    The ratio is 1 + square q^2 + fourth q^4, with q the distance from the centre over that of the
-    outermost pin, in the frame at rest. It is even in q, like every smooth function about an axis.
-
-    Args:
-        pins: 127 or 331.
-        square: Coefficient of q^2.
-        fourth: Coefficient of q^4.
-    """
-    q_square = (places_at_rest(pins) ** 2).sum(axis=1)
-    q_square /= q_square.max()
-    out: Array = 1 + square * q_square + fourth * q_square**2
-    return out
 
 
 def polar_angles(

@@ -1,364 +1,228 @@
-"""The simulated TacTip as a sensor, and the two that ship."""
+"""The base of the simulated sensors, and threads that make batches of frames in advance."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from typing import Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Grid, Scene, SensorContext, UserError, __version__
-from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.mechanics import tables
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.mechanics.dome import (
-    Mechanics,
-    TableMechanics,
-    mechanics_for,
-    tips_of_pins,
-)
-from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.optics.camera import Optics, optics_from
-from tactibench_sim.optics.noise import Noise, streams
-from tactibench_sim.optics.renderer import Renderer
-from tactibench_sim.pins import INNER_MM, layout, tip_shares
-from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, BoundedSensor
-
-if TYPE_CHECKING:
-    from tactibench_sim.training_instances import TrainingInstances
+from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
+from tactibench_sim.camera import NUISANCES
+from tactibench_sim.contact import Tips, tips_of
+from tactibench_sim.renderer import Renderer, streams
 
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+BATCH = 64
+"""Presses that one thread makes at a time."""
+FRAMES_PER_SECOND = 30.0
+"""Nominal rate behind the timestamps; a simulated sensor has no clock."""
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A dome with pins and a camera.
+class SimulatedSensor(Sensor):
+    """A sensor whose frames are rendered from its markers, whose places a subclass computes.
 
-    Attributes:
-        name: Name of the sensor.
-        pins: Number of pins.
-        optics: The camera.
-        pin_length_mm: The lever; 2: about the length of the pins of public TacTips.
-        fitted: Whether camera and lever were fitted to a real sensor. Then the pins are where these
-            optics see the real ones at rest, not where the reference optics do, and plates hold
-            the skin as real ones do (``tables.holding_plates``).
-        tip_square: Coefficient ``square`` of ``pins.tip_shares``, which changes the radius of the
-            white tips from the centre to the rim; 0 with tip_fourth 0: all tips are alike.
-        tip_fourth: Coefficient ``fourth`` of ``pins.tip_shares``.
+    Frames depend on the scene, the parameters and, for their noise, on the seed and the number of
+    presses since the sensor was opened. They do not depend on how presses are grouped or on how
+    many threads make them.
+
+    Where the contacts are tips and the places of the markers are smooth in where and how deep they
+    are, the sensor knows how well its frames tell contacts; other sensors have no ``nuisances``.
     """
 
-    name: str
-    pins: int
-    optics: Optics
-    pin_length_mm: float = 2.0
-    fitted: bool = False
-    tip_square: float = 0.0
-    tip_fourth: float = 0.0
-
-    def layout(self) -> Array:
-        """Return the (P, 3) directions of the pins."""
-        if not self.fitted:
-            return layout(self.pins)
-        return layout(self.pins, self.optics, INNER_MM - self.pin_length_mm)
-
-    def tip_shares(self) -> Array:
-        """Return the (P,) radii of the white tips over that of the centre pin."""
-        return tip_shares(self.pins, self.tip_square, self.tip_fourth)
-
-
-TACTIP_127 = Preset("tactip-127", 127, Optics(marker_radius_mm=0.36))
-"""Like the real 127-pin sensor of the Tac-VGNN data: with this marker radius, the discs of a
-thresholded rest frame have the median area of the real frame's. Glare, where it is switched on, is
-six arcs."""
-
-TACTIP_331 = Preset(
-    "tactip-331", 331, Optics(marker_radius_mm=0.47, glare_width=0.014, glare_arc_deg=80.0)
-)
-"""Like the real 331-pin sensor, with the marker radius found likewise. Glare is a closed ring that
-is thick at the LEDs."""
-
-
-FITTED_THRESHOLD = 50.0
-"""Grey levels above the block (output bw): about half of a tip's light. A threshold of 5 cuts at
-the foot of a tip's edge, which hides how pins grow. In the presses of the fit, the areas of the 331
-set's innermost pins grow by a factor of 1.25; simulated ones by 1.21 with a threshold of 5 and by
-1.24 with 50."""
-
-TACTIP_127_FITTED = replace(
-    TACTIP_127,
-    optics=replace(
-        TACTIP_127.optics,
-        camera_distance_mm=23.352,
-        lens="fisheye",
-        focal=0.2897,
-        gel_mm=22.852,
-        window_mm=0.0,
-        marker_radius_mm=0.4096,
-        threshold_grey=FITTED_THRESHOLD,
-    ),
-    pin_length_mm=0.605,
-    fitted=True,
-    tip_square=0.268,
-    tip_fourth=-0.275,
-)
-"""Version 2, fitted to the real sensor by benchmarks/fit_presets.py, on this dome. The window's
-thickness counts as gel."""
-
-TACTIP_331_FITTED = replace(
-    TACTIP_331,
-    optics=replace(
-        TACTIP_331.optics,
-        camera_distance_mm=23.486,
-        lens="fisheye",
-        focal=0.3388,
-        gel_mm=21.486,
-        window_mm=0.0,
-        marker_radius_mm=0.4057,
-        threshold_grey=FITTED_THRESHOLD,
-    ),
-    pin_length_mm=0.403,
-    fitted=True,
-    tip_square=0.957,
-    tip_fourth=-0.685,
-)
-"""Version 2 of the 331-pin sensor, fitted likewise."""
-
-
-class SimulatedTacTip(BoundedSensor):
-    """A skin-on-gel dome with pins; single-contact fields from finite elements.
-
-    Attributes:
-        preset: Preset of the chosen version; of the class itself, that of version 1.
-        versions: Presets of versions 1, 2 and so on.
-    """
-
-    preset: Preset
-    versions: tuple[Preset, ...]
+    nuisances: tuple[str, ...] = NUISANCES
 
     def __init__(
-        self,
-        context: SensorContext,
-        *,
-        version: int = 1,
-        tier: str = "coupled",
-        table: str = "",
-        instance: int = 0,
-        instances: int = 0,
-        ranges: int = 1,
-        pin_length: float | None = None,
-        friction: float = 0.0,
-        threads: int | None = None,
-        **optical: Any,
+        self, context: SensorContext, renderer: Renderer, resting: Array, threads: int | None = None
     ) -> None:
-        """Build the dome, its pins and its camera.
+        """Render the rest frame.
 
         Args:
             context: The seed of the noise.
-            version: Version of the preset, 1 or 2, whose lever, camera and pins are the defaults.
-            tier: How scenes become displacement fields.
-            table: Path of a file of single-contact fields; "": the one that ships.
-            instance: Number of the sensor instance; 0: the nominal one.
-            instances: Number of training instances over which the presses are spread; 0 or 1: all
-                presses are made on ``instance``. Everything else (``rest``, ``points``, bounds) is
-                that of the nominal sensor.
-            ranges: Version of the ranges of ``instance``; training instances are of version 2.
-            pin_length: Length of the pins, mm; None: the preset's.
-            friction: Coulomb's coefficient between tips and skin; 0: moves drag nothing.
+            renderer: The camera.
+            resting: (P, 3) places of the untouched markers, mm.
             threads: Number of threads of ``press_many``; None: ``thread_count()``.
-            **optical: Parameters of ``optics_from``; the others are the preset's.
+        """
+        self.renderer = renderer
+        self.threads = threads or thread_count()
+        self._seed = context.seed
+        self._rest: Images = renderer.frames(resting[None])[0]
+        self._rest.setflags(write=False)
+        self._count = 0
+
+    def __enter__(self) -> Self:
+        """Start again with the first press."""
+        self._count = 0
+        return self
+
+    def rest(self) -> Frame:
+        """Return the frame of the undeformed sensor, without noise."""
+        return Frame(self._rest, self._count / FRAMES_PER_SECOND, Pose(), self._rest)
+
+    def press(self, scene: Scene) -> Frame:
+        """Press once.
 
         Raises:
-            UserError: Two of ``table``, ``instance`` and ``instances`` are given, there is no such
-                version, or ``friction`` is given with a tier that knows no forces.
+            UserError: The scene cannot be pressed.
         """
-        if not 1 <= version <= len(self.versions):
-            raise UserError(
-                f"{self.preset.name} has no version {version}; take one of 1 to "
-                f"{len(self.versions)}."
-            )
-        self.version, self.preset = version, self.versions[version - 1]
-        if instance and instances > 1:
-            raise UserError(
-                f"sensor.instances={instances} trains on {instances} sensor instances, so "
-                f"sensor.instance={instance} says nothing; leave one of them out, or test on that "
-                f"instance with --test sensor.instance={instance}."
-            )
-        if table and (instance or instances > 1):
-            given = f"instance={instance}" if instance else f"instances={instances}"
-            raise UserError(
-                f"sensor.table={table} is of one dome, and sensor.{given} is of others; leave one "
-                "of them out."
-            )
-        self._tables = tables.read(Path(table)) if table else tables.shipped()
-        if self.preset.fitted:
-            self._tables = tables.holding_plates(self._tables)
-        self.instance = instance
-        self.pin_length = self.preset.pin_length_mm if pin_length is None else pin_length
-        self.optics = optics_from(self.preset.optics, optical)
-        self.lost = np.zeros(self.preset.pins, dtype=np.bool_)
-        if instance or self.optics.pin_loss:  # a run on the nominal sensor does not load them
-            from tactibench_sim.instances import instance_tables, lost_pins, perturb
+        return self._frame(scene, self._images([scene], self._count)[0])
 
-            self._tables = instance_tables(self._tables, instance, ranges)
-            self.lost = lost_pins(self.preset.pins, self.optics.pin_loss, instance)
-            self.optics, self.pin_length = perturb(
-                self.optics, self.pin_length, instance, ranges=ranges
-            )
-        self.friction = friction
-        self.mechanics = self._with_friction(self._mechanics(tier, ships=not table))
-        self.directions = self.preset.layout()[~self.lost]
-        self.shares = self.preset.tip_shares()[~self.lost]
-        lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
-        renderer = Renderer(self.optics, lift, self.shares)
-        still = np.zeros((2, *self.directions.shape))
-        inner = self.mechanics.inner  # a scene would need an indenter for which there is a table
-        resting = tips_of_pins(inner, self.directions, (still[0], still[1]), self.pin_length)
-        super().__init__(context, renderer, resting, threads)
-        self.ranges = ranges
-        self.instances: TrainingInstances | None = None
-        if instances > 1:
-            from tactibench_sim.training_instances import TrainingInstances
+    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
+        """Press in order. Batches are made in advance on threads.
 
-            parameters = {
-                "version": version,
-                "tier": tier,
-                "pin_length": pin_length,
-                "friction": friction,
-                **optical,
-            }
-            make = partial(type(self), context, threads=1, **parameters)
-            self.instances = TrainingInstances(make, context.seed, instances)
+        A press counts when its frame is taken.
 
-    def _mechanics(self, tier: str, *, ships: bool) -> Mechanics:
-        if not self.instance:
-            mechanics = mechanics_for(tier, self._tables)
-            if isinstance(mechanics, TableMechanics) and ships:
-                return TipMechanics(mechanics)  # a user's table has no tips but its own
-            return mechanics
-        from tactibench_sim.instances import instance_mechanics
+        Raises:
+            UserError: A scene cannot be pressed. The frames before it are yielded first.
+        """
+        for first, batch, images in prefetch(self._make, self._batches(scenes), self.threads):
+            for k, scene in enumerate(batch):
+                if images is not None and self._count == first + k:
+                    yield self._frame(scene, images[k])
+                else:  # a scene of the batch is refused, or the caller pressed in between
+                    yield self.press(scene)
 
-        return instance_mechanics(tier, self._tables)
+    def _batches(self, scenes: Iterable[Scene]) -> Iterator[tuple[int, list[Scene]]]:
+        source, first = iter(scenes), self._count
+        while batch := list(islice(source, BATCH)):
+            yield first, batch
+            first += len(batch)
 
-    def _with_friction(self, mechanics: Mechanics) -> Mechanics:
-        if not self.friction:
-            return mechanics
-        from tactibench_sim.mechanics.friction import FrictionMechanics
-
-        if not isinstance(mechanics, TableMechanics | TipMechanics):
-            raise UserError(
-                f"sensor.tier={mechanics.tier} knows no friction; take sensor.tier=coupled, or "
-                "leave sensor.friction out."
-            )
-        return FrictionMechanics(mechanics, self.friction)
+    def _make(self, numbered: tuple[int, list[Scene]]) -> tuple[int, list[Scene], Images | None]:
+        first, scenes = numbered
+        try:
+            return first, scenes, self._images(scenes, first)
+        except UserError:
+            return first, scenes, None
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
-        if self.instances is None:
-            return super()._images(scenes, first)
-        return self.instances.images(scenes, first, streams(self._seed, first, len(scenes)))
+        states = streams(self._seed, first, len(scenes))
+        return self.renderer.frames(self.points(scenes), states)
 
-    def _rest_of(self, number: int) -> Images:
-        return self._rest if self.instances is None else self.instances.rest_of(number)
+    def _frame(self, scene: Scene, image: Images) -> Frame:
+        """Count the next press and return its frame.
 
-    @property
-    def noise(self) -> Noise:
-        """Noise of the camera."""
-        return self.optics.noise
+        The image is copied, so that its whole batch does not stay in memory.
+        """
+        rest = self._rest_of(self._count)
+        self._count += 1
+        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, rest)
+
+    def _rest_of(self, number: int) -> Images:  # noqa: ARG002 - one sensor has one rest frame
+        """Return the rest image of the sensor instance on which press ``number`` is made."""
+        return self._rest
 
     def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
-        """Return the tips of scenes on the dome (``contact.tips_of``)."""
+        """Return the tips of scenes, of a sensor with a dome.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
         return tips_of(scenes)
 
     def places(self, tips: Tips) -> Array:
-        """Return (S, P, 3) pin tips from the dome's centre, mm."""
-        loads = self.mechanics.loads(tips)
-        return self.mechanics.pin_tips(loads, self.directions, self.pin_length)
+        """Return the (S, P, 3) places of the markers under tips, mm, as ``Renderer`` takes them.
 
-    def surface(self, scene: Scene, grid: Grid) -> Array:
-        """Return the (H, W) inward displacement of the outer skin, mm; zero beside the dome."""
-        x, y = (axis.ravel() for axis in np.meshgrid(*grid.axes()))
-        square = x**2 + y**2
-        above = square < DOME_RADIUS_MM**2
-        z = np.sqrt(DOME_RADIUS_MM**2 - square[above])
-        directions = np.stack([x[above], y[above], z], axis=1) / DOME_RADIUS_MM
-        out = np.zeros(len(x))
-        out[above] = self.mechanics.skin(self.mechanics.loads(tips_of([scene])), directions)[0]
-        return out.reshape(grid.shape)
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        raise NotImplementedError  # a sensor without nuisances may define ``points`` alone
 
-    def error_bounds(self, scenes: Sequence[Scene]) -> Array:
-        """Return (S,) mm, how far a pin base may be from finite elements; inf: not measured."""
-        from tactibench_sim.error_bounds import scene_bounds  # runs ask once, after the frames
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        """Return the (S, P, 3) places of the markers in S scenes, mm, as ``Renderer`` takes them.
 
-        if self.instances is not None:  # measured on the nominal dome alone
-            return np.full(len(scenes), np.inf)
-        bounds = scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
-        bounds[self._dragged(scenes) & (bounds > 0)] = np.inf  # measured without drag
-        return bounds
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        return self.places(self.indenter_tips(scenes))
 
-    def _dragged(self, scenes: Sequence[Scene]) -> npt.NDArray[np.bool_]:
-        return np.array([bool(self.friction) and scene.pose.moved for scene in scenes])
+    def clean(self, tips: Tips) -> Array:
+        """Return (S, size, size) grey levels without noise.
 
-    def terms(self, scenes: Sequence[Scene]) -> dict[str, int]:
-        """Return the terms of the field and the number of scenes that need each."""
-        from tactibench_sim.error_bounds import term_counts
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        return self.renderer.clean(self.places(tips))
 
-        tips = tips_of(scenes)
-        counts = term_counts(self.mechanics.tier, tips)
-        drag = int((self._dragged(scenes) & (tips.depth > 0).any(axis=1)).sum())
-        return {**counts, "drag": drag} if drag else counts
+    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array | None:
+        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
 
-    def forces(self, scene: Scene) -> Array | None:
-        """Return the (K,) normal forces of the contacts, E_skin mm^2; None if the tier has none."""
-        tips, forces_of = tips_of([scene]), getattr(self.mechanics, "forces", None)
-        if forces_of is None:
+        It is that of the grey frame that models see. It holds for output "bw", too, but cannot be
+        reached there.
+
+        Args:
+            scene: The press.
+            nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+        """
+        if not self.nuisances:
             return None
-        forces = forces_of(self.mechanics.loads(tips))
-        touching: Array = forces[0, tips.depth[0] > 0]
-        return touching
+        from tactibench_sim.bounds import covariance  # few protocols ask for bounds
 
-    def calibrated_on(self) -> Mapping[str, Sequence[str]]:
-        """Return the frames of the recording that a fitted version was fitted to."""
-        if not self.preset.fitted:
-            return {}
-        from tactibench_sim.real.calibration import calibration  # plates alone need it otherwise
+        tips = self.indenter_tips([scene])
+        return covariance(tips, self.clean, self.renderer.variance, nuisances)
 
-        fitted = calibration(str(self.preset.pins))  # benchmarks/fit_presets.py takes its presses
-        return {fitted.recording: fitted.frames}
+    def bound(self, scene: Scene) -> Array | None:
+        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
+        covariance = self.covariance(scene)
+        if covariance is None:
+            return None
+        out: Array = np.sqrt(np.diag(covariance)).reshape(-1, 3)
+        return out
 
-    def describe(self) -> dict[str, Any]:
-        """Return everything that determines the frames, except the seed."""
-        return {
-            "sensor": self.preset.name,
-            "plugin": f"tactibench_sim {__version__}",
-            "tier": self.mechanics.tier,
-            "instance": self.instance,
-            "pins": self.preset.pins,
-            "lost_pins": np.flatnonzero(self.lost).tolist(),
-            "pin_length_mm": self.pin_length,
-            "optics": self.optics.describe(),
-            "dome_radius_mm": DOME_RADIUS_MM,
-            "tables": {**self._tables.parameters, "sha256": self._tables.digest},
-            "frames_per_second": FRAMES_PER_SECOND,
-            **({"friction": self.friction} if self.friction else {}),
-            **({"version": self.version} if self.version > 1 else {}),
-            **({"ranges": self.ranges} if self.instance and self.ranges > 1 else {}),
-            **({} if self.instances is None else {"instances": self.instances.describe()}),
-        }
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float | None:
+        """Return the squared d' of the scene's two contacts against the nearest single one.
+
+        ``nuisances`` are those of ``covariance``.
+        """
+        if not self.nuisances:
+            return None
+        from tactibench_sim.bounds import deviance  # few protocols ask for limits
+
+        tips = self.indenter_tips([scene])
+        return deviance(tips, self.clean, self.renderer.variance, nuisances)
 
 
-class TacTip127(SimulatedTacTip):
-    """The simulated TacTip with 127 pins in a hexagon."""
+def thread_count() -> int:
+    """Return how many threads this process may use: OMP_NUM_THREADS, or else its processors."""
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdecimal() and int(limit) > 0:
+        return int(limit)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
-    preset = TACTIP_127
-    versions = TACTIP_127, TACTIP_127_FITTED
 
+def prefetch(
+    work: Callable[[Item], Result], items: Iterable[Item], threads: int
+) -> Iterator[Result]:
+    """Yield ``map(work, items)``, computed on threads at most threads + 1 items in advance.
 
-class TacTip331(SimulatedTacTip):
-    """The simulated TacTip with 331 pins in ten rings."""
+    With one thread nothing is computed before it is needed. When the consumer stops, items that
+    have not begun are dropped, and the function waits for those that have.
 
-    preset = TACTIP_331
-    versions = TACTIP_331, TACTIP_331_FITTED
+    Raises:
+        Exception: Whatever ``work`` or ``items`` raises.
+    """
+    if threads == 1:
+        yield from map(work, items)
+        return
+    source = iter(items)
+    waiting: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="tactibench-sim")
+    try:
+        while True:
+            for item in islice(source, threads + 1 - len(waiting)):
+                waiting.append(pool.submit(work, item))
+            if not waiting:
+                return
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -2,9 +2,8 @@
 
     PYTHONPATH=.:plugins python scripts/fem/error_bounds.py error_bounds.json
 
-It takes seconds. The file belongs in plugins/tactibench_sim; ``tactibench_sim.error_bounds`` reads
-it and explains the bounds. With --leave-out nothing is written: a table shows, for every family of
-runs and every spacing that is left out, its largest error over the bound from all others.
+It takes seconds. The file belongs in plugins/tactibench_sim/data; ``tactibench_sim.error_bounds``
+reads it and explains the bounds.
 
 The error of ``superpose`` is, by the triangle inequality, no larger than that of ``coupled`` and
 the difference of the two tiers together. Bounds are measured for one table file and unknown for any
@@ -18,7 +17,6 @@ import hashlib
 import json
 import math
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations, pairwise
@@ -28,36 +26,39 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from fem_script import output_file, write_file
-from modes import Chart
 from scipy.optimize import linprog
 
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench.lab import atomic
-from tactibench_sim.error_bounds import (
+from tactibench_sim import (
+    LARGEST_MM,
     RADIUS_MM,
+    SMALLEST_MM,
     Bounds,
     Envelope,
     OtherTips,
+    ReferenceScene,
+    TableMechanics,
+    Tables,
+    Tips,
     angle_between,
     envelope_terms,
+    read_file,
+    reference_scenes,
+    shipped_dome,
+    shipped_file,
 )
-from tactibench_sim.mechanics import tables, tip_tables
-from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.mechanics.kernels import Array
-from tactibench_sim.mechanics.tables import LARGEST_MM, SMALLEST_MM, Tables
-from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.reference_frames import scenes as reference
-from tactibench_sim.reference_frames.scenes import ReferenceScene
 
+Array = npt.NDArray[np.float64]
+OTHER_TIPS = Path(__file__).resolve().parents[2] / "tests" / "sim" / "data" / "other_tips.npz"
 DEPTH_MM = (1.0, 2.0, 3.0, 4.5, 6.0, 6.5)
 POLAR_DEG = (20.0, 40.0, 55.0)
 ANGLE_DEG = (14.0, 18.5, 24.0, 31.0, 40.0)
 OTHERS_MM = ((SMALLEST_MM, RADIUS_MM), (RADIUS_MM, LARGEST_MM))
 """Radii of sharper and of blunter tips: errors of blunt ones hardly grow with depth."""
 ADDED_DEPTH_MM = (0.0, 0.75, 1.75, 3.0, 4.5, 6.0)
-CHART = Chart(start=-75.0, reach=75.0, across=75.0, step=2.5)
-"""Where the two tiers are compared, around the middle of a pair; it is symmetric."""
+CHART_DEG = np.arange(-75.0, 76.0, 2.5)
+"""Angles from the middle of a pair, in both directions, where the two tiers are compared."""
 MARGIN = 0.05
 """The factor is rounded up to a multiple of this: half a dozen families of runs do not determine it
 more finely."""
@@ -107,7 +108,7 @@ class Measured:
 
 def measure(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[Measured]:
     """Return the errors of tier ``coupled`` in reference scenes, computed with the given tables."""
-    coupled = TipMechanics(TableMechanics(tables, "coupled"))
+    coupled = TableMechanics(tables, "coupled", other_tips=True)
     out = []
     for scene in scenes:
         loads = coupled.loads(scene.as_tips)
@@ -248,7 +249,7 @@ def write(path: Path, tables: Tables, bounds: Bounds) -> str:
 
     Bounds are rounded up; infinity is written as null.
     """
-    content: dict[str, Any] = {"tables": tables.digest, "tips": tip_tables.shipped().digest}
+    content: dict[str, Any] = {"tables": tables.digest, "tips": shipped_file("tips.npz").digest}
     content |= {f.name: _rounded(getattr(bounds, f.name)) for f in fields(Bounds)}
     text = json.dumps(content, allow_nan=False).replace('], "', '],\n"') + "\n"
     with atomic(path) as out:
@@ -296,53 +297,21 @@ def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) ->
     centres = (reach - depths.reshape(-1, 2))[..., None] * n
     height = np.sqrt(reach**2 - (centres[..., :2] ** 2).sum(axis=-1))
     tips = Tips(centres[..., :2], height - centres[..., 2], np.full(len(centres), RADIUS_MM))
-    at = CHART.directions().reshape(-1, 3)
+    a, b = np.radians(np.meshgrid(CHART_DEG, CHART_DEG, indexing="ij")).reshape(2, -1)
+    angle_off, ratio = np.hypot(a, b), np.sinc(np.hypot(a, b) / np.pi)
+    at = np.stack([a * ratio, b * ratio, np.cos(angle_off)], axis=-1)
     first, second = (tier.displacement(tier.loads(tips), at)[0] for tier in (coupled, superposed))
     apart: Array = np.linalg.norm(first - second, axis=-1).max(axis=-1)
     return np.where(depths.min(axis=-1) > 0, apart.reshape(depths.shape[:2]), 0.0)
 
 
-def leave_out_lines(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[str]:
-    """Return the lines of the table of ``leave_out``: pairs, triples and tips of other radii."""
-    errors = measure(tables, scenes)
-    lines = []
-    nominal = [scene for scene in errors if scene.radius == RADIUS_MM]
-    kinds = [
-        (title, [scene for scene in nominal if len(scene.delta) == count])
-        for title, count in (("pairs", 2), ("triples", 3))
-    ]
-    for low, high in OTHERS_MM:
-        single, pair = other_tips(errors, low, high)
-        kinds += [(f"singles, R = {low:g} to {high:g} mm", single)]
-        kinds += [(f"pairs, R = {low:g} to {high:g} mm", pair)]
-    for title, some in kinds:
-        bound = envelope(some)
-        numbers = ", ".join(f"{value:.5f}" for value in bound.coefficients)
-        lines.append(f"{title}: coefficients {numbers}; factor {bound.factor:.2f}")
-        lines += [f"  {group:24} {ratio:5.2f}" for group, ratio in leave_out(some).items()]
-        names = sorted({scene.name for scene in some})
-        if len(names) < FEWEST_FAMILIES + 2:
-            continue
-        two = np.array([_without(some, pair) for pair in combinations(names, 2)])
-        within = f"{(two <= bound.factor).sum()} of {len(two)} within the factor"
-        lines.append(f"  two families at once: {within}, at most {two.max():.2f}")
-    return lines
-
-
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(description="Measure the error bounds of the tiers.")
-    parser.add_argument("out", type=output_file, nargs="?")
-    parser.add_argument("--leave-out", action="store_true", help="print the test by leaving out")
+    parser.add_argument("out", type=output_file)
     given = parser.parse_args()
-    shipped = tables.shipped()
-    scenes = (*reference.shipped(), *reference.shipped_other_tips().scenes)
-    if given.leave_out:
-        sys.stdout.write("\n".join(leave_out_lines(shipped, scenes)) + "\n")
-    elif given.out is None:
-        parser.error("name the file to write, or give --leave-out")
-    else:
-        write_file(given.out, lambda: write(given.out, shipped, measured(shipped, scenes)))
+    tables, scenes = shipped_dome(), (*reference_scenes(), *reference_scenes(read_file(OTHER_TIPS)))
+    write_file(given.out, lambda: write(given.out, tables, measured(tables, scenes)))
 
 
 if __name__ == "__main__":

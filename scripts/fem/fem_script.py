@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+import numpy.typing as npt
+from elements import NotConvergedError, require_ngsolve
 
 from tactibench import UserError
-from tactibench_sim.fem import NotConvergedError
+from tactibench.lab import atomic
+from tactibench_sim import digest_of
+
+
+def solver() -> str:
+    """Return name and version of the solver.
+
+    Raises:
+        UserError: NGSolve is not installed.
+    """
+    return f"ngsolve {require_ngsolve().__version__}"
 
 
 def report_progress(step: str) -> None:
@@ -41,6 +56,18 @@ def number(low: float, high: float = math.inf) -> Callable[[str], float]:
         return value
 
     return read
+
+
+def write_tables(
+    path: Path, arrays: Mapping[str, npt.NDArray[Any]], parameters: dict[str, Any]
+) -> str:
+    """Write a file of tables whole or not at all, and return its digest."""
+    text = json.dumps(parameters, sort_keys=True)
+    digest = digest_of(arrays, text)
+    content: dict[str, Any] = {**arrays, "parameters": np.array(text), "sha256": digest}
+    with atomic(path) as out:
+        np.savez_compressed(out, **content)
+    return digest
 
 
 def write_file(out: Path, make: Callable[[], str]) -> None:

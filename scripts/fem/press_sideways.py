@@ -2,11 +2,11 @@
 
     PYTHONPATH=.:plugins python scripts/fem/press_sideways.py sideways.npz
 
-It takes five minutes. One or two tips of one radius, or a plate, go down along -z and then
-sideways, with Coulomb's friction of finite size; no table was made from these runs. The file holds
-(S,) radii and coefficients of friction, (S, 2, 2) places and (S, 2) depths where the tips end, mm,
-NaN for no second tip, the (S, 2) way that they went sideways, mm, and (S, 127, 3) displacements of
-the pin bases, mm.
+The file stands in tests/sim/data; no table was made from its runs, which take five minutes. One or
+two tips of one radius, or a plate, go down along -z and then sideways, with Coulomb's friction of
+finite size. The file holds (S,) radii and coefficients of friction, (S, 2, 2) places and (S, 2)
+depths where the tips end, mm, NaN for no second tip, the (S, 2) way that they went sideways, mm,
+and (S, 127, 3) displacements of the pin bases, mm.
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from drag_press import Drag
-from fem_script import output_file, report_progress, write_file
+from elements import Dome
+from fem_script import output_file, report_progress, write_file, write_tables
+from spatial import Drag, Fineness, SpatialPress, Tip
 
-from tactibench_sim import data_file, fem
-from tactibench_sim.fem.press import Fineness, SpatialPress
-from tactibench_sim.fem.tip import Tip
-from tactibench_sim.pins import layout
+from tactibench_sim import layout
 
 Array = npt.NDArray[np.float64]
 Place = tuple[float, float]
@@ -70,14 +68,14 @@ SLIDES = (
 )
 
 
-def make(path: Path) -> str:
+def press_sideways(path: Path) -> str:
     """Press all scenes, write the file and return its digest.
 
     Raises:
         UserError: NGSolve is not installed.
-        fem.NotConvergedError: A run failed.
+        NotConvergedError: A run failed.
     """
-    dome = fem.Dome()
+    dome = Dome()
     rows: dict[str, list[Array]] = {
         name: [] for name in ("radius", "friction", "xy", "depth", "move", "u")
     }
@@ -99,10 +97,10 @@ def make(path: Path) -> str:
             rows["depth"].append(depth)
             rows["move"].append(way * np.array(slide.direction, dtype=np.float64))
             rows["u"].append(u.astype(np.float32))
-    return data_file.write(path, {name: np.array(row) for name, row in rows.items()}, {})
+    return write_tables(path, {name: np.array(row) for name, row in rows.items()}, {})
 
 
-def _tip(dome: fem.Dome, place: Place, radius: float) -> Tip:
+def _tip(dome: Dome, place: Place, radius: float) -> Tip:
     if math.isinf(radius):
         return Tip.along_axis(dome, np.array([0.0, 0.0, 1.0]), radius)
     return Tip.downwards(dome, *place, radius)
@@ -129,7 +127,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Make test scenes of dragged skin.")
     parser.add_argument("out", type=output_file)
     given = parser.parse_args()
-    write_file(given.out, lambda: make(given.out))
+    write_file(given.out, lambda: press_sideways(given.out))
 
 
 if __name__ == "__main__":

@@ -14,23 +14,17 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from drag_press import STICK, Drag
-from fem_script import output_file, report_progress, write_file
+from elements import Dome
+from fem_script import output_file, report_progress, solver, write_file, write_tables
 from scipy.interpolate import make_lsq_spline
-from snapshots import NOMINAL_MM
+from spatial import STICK, Drag, Fineness, SpatialPress, Tip
 
-from tactibench_sim import data_file, fem
-from tactibench_sim.fem.press import Fineness, SpatialPress
-from tactibench_sim.fem.tip import Tip
-from tactibench_sim.mechanics import tables
-from tactibench_sim.mechanics.drag_tables import SHARES
-from tactibench_sim.mechanics.tip_tables import deepest
+from tactibench_sim import RADIUS_MM, SHARES, deepest_of, shape_name, shipped_dome
 
 Array = npt.NDArray[np.float64]
 RADII = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
@@ -46,12 +40,12 @@ _ABOVE_RIM_DEG = 89.5
 
 def end_of(radius: float) -> float:
     """Return the greatest penetration to which a tip of radius ``radius`` mm is tabulated, mm."""
-    if math.isinf(radius) or radius == NOMINAL_MM:
-        return tables.shipped().by_radius[radius].deepest
-    return deepest(radius)
+    if math.isinf(radius) or radius == RADIUS_MM:
+        return float(shipped_dome().by_radius[radius].delta[-1])
+    return deepest_of(radius)
 
 
-def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _: None) -> str:
+def tabulate(path: Path, runs: Path) -> str:
     """Make the runs that are missing in a folder, write the file and return its digest.
 
     Nothing is written unless every run converged.
@@ -59,26 +53,23 @@ def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _:
     Args:
         path: File to write.
         runs: Folder of the runs; it is made where it does not exist.
-        progress: Function that is told the name of each run before it starts.
 
     Raises:
         UserError: NGSolve is not installed.
-        fem.NotConvergedError: A run failed.
+        NotConvergedError: A run failed.
     """
     runs.mkdir(parents=True, exist_ok=True)
-    dome = fem.Dome()
+    dome = Dome()
     fields, compliance = [], []
     for radius in RADII:
         each = []
         for share in SHARES:
-            name = f"{tables.shape_name(radius)}_{share:g}"
+            name = f"{shape_name(radius)}_{share:g}"
             file = runs / f"drag_{name}.npz"
             if not file.exists():
-                progress(name)
+                report_progress(name)
                 change, force, moved = drag(dome, radius, share * end_of(radius))
-                data_file.write(
-                    file, {"change": change, "force": np.array(force), "moved": moved}, {}
-                )
+                write_tables(file, {"change": change, "force": np.array(force), "moved": moved}, {})
             with np.load(file) as run:
                 each.append((smoothed(run["change"] / run["force"]), run["moved"] / run["force"]))
         fields.append([field for field, _ in each])
@@ -93,12 +84,12 @@ def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _:
         "dome": asdict(dome),
         "mesh": {"sharp": asdict(SHARP), "round": asdict(ROUND)},
         "polar_step_deg": POLAR_STEP_DEG,
-        "solver": f"ngsolve {fem.require_ngsolve().__version__}",
+        "solver": solver(),
     }
-    return data_file.write(path, arrays, parameters)
+    return write_tables(path, arrays, parameters)
 
 
-def drag(dome: fem.Dome, radius: float, depth: float) -> tuple[Array, float, Array]:
+def drag(dome: Dome, radius: float, depth: float) -> tuple[Array, float, Array]:
     """Press a tip on the apex and move it sideways, stuck to the skin.
 
     Args:
@@ -181,7 +172,7 @@ def main() -> None:
     parser.add_argument("out", type=output_file)
     parser.add_argument("runs", type=Path)
     given = parser.parse_args()
-    write_file(given.out, lambda: tabulate(given.out, given.runs, report_progress))
+    write_file(given.out, lambda: tabulate(given.out, given.runs))
 
 
 if __name__ == "__main__":

@@ -23,13 +23,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dome_press import dome_meridian, press
-from fem_script import output_file, write_file
+from axisymmetric import dome_meridian, press
+from elements import Dome, require_ngsolve
+from fem_script import output_file, write_file, write_tables
 from scipy.interpolate import CubicSpline
-from tabulate_dome import normal_rotation
-
-from tactibench_sim import data_file
-from tactibench_sim.fem import Dome, require_ngsolve
+from tabulate_presses import normal_rotation
 
 Array = npt.NDArray[np.float64]
 
@@ -48,7 +46,7 @@ def tabulate(path: Path, kinds: Sequence[tuple[float, str]]) -> str:
 
     Raises:
         UserError: NGSolve is not installed.
-        fem.NotConvergedError: A run failed.
+        NotConvergedError: A run failed.
     """
     depths = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
     delta = np.asarray(depths, dtype=np.float64)
@@ -67,7 +65,7 @@ def tabulate(path: Path, kinds: Sequence[tuple[float, str]]) -> str:
         coarse = Dome(stiffness_ratio=ratio, apex_size=0.3, skin_size=0.4)
         arrays[f"{name}_drag"] = drag(coarse, np.radians(PATCHES_DEG), polar).astype(np.float32)
     arrays |= {"delta": delta, "polar": polar, "patches": np.radians(PATCHES_DEG)}
-    return data_file.write(path, arrays, {"kinds": [f"{r:g}_{friction}" for r, friction in kinds]})
+    return write_tables(path, arrays, {"kinds": [f"{r:g}_{friction}" for r, friction in kinds]})
 
 
 def _patch(radius: float, delta: Array, polar: Array, outer: Array) -> Array:

@@ -115,11 +115,6 @@ def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str,
             f"sensor {sensor.name!r} cannot be pressed by mouse; take a simulated one of "
             "`tactibench list sensors`, or watch a real one with `tactibench hw live`."
         )
-    if spec.answer != "contacts":
-        raise UserError(
-            f"protocol {spec.id!r} asks for {spec.answer} poses, and the page presses tips; take "
-            "one that asks for contacts, such as exp2."
-        )
     return make_plan(request, host, cache_folder())
 
 

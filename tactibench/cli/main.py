@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 VERBS = {
     "board": ("tactibench.cli.board:board", "make the leaderboards; add, submit and verify rows"),
-    "check": ("tactibench.cli.check:check", "prove that a plugin behaves as its kind must"),
-    "compare": ("tactibench.cli.compare:compare", "runs against each other, press by press"),
+    "check": ("tactibench.cli.plugin:check", "prove that a plugin behaves as its kind must"),
+    "compare": ("tactibench.cli.report:compare", "runs against each other, press by press"),
     "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
     "demo": ("tactibench.cli.demo:demo", "press a simulated sensor by mouse; see models answer"),
-    "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
-    "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
+    "describe": ("tactibench.cli.listing:describe", "show one plugin's or protocol's details"),
+    "doctor": ("tactibench.cli.plugin:doctor", "check the installation and name broken plugins"),
     "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
-    "new": ("tactibench.cli.new:new", "begin a model, sensor or encoder of your own"),
+    "new": ("tactibench.cli.plugin:new", "begin a model, sensor or encoder of your own"),
     "plot": ("tactibench.cli.plot:plot", "figures: frontier, curve, stability, limit"),
     "report": ("tactibench.cli.report:report", "the boards as one HTML page, offline"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
@@ -43,19 +43,6 @@ VERBS = {
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
     "weights": ("tactibench.cli.weights:weights", "trained weights as a file: export, import"),
 }
-RETIRED = {
-    "curve": "plot curve",
-    "frontier": "plot frontier",
-    "hidden": "board hidden",
-    "limit": "plot limit",
-    "models": "list weights",
-    "published": "list published",
-    "stability": "plot stability",
-    "submit": "board submit",
-    "verify": "board verify",
-}
-"""Verbs of version 1 and what they are called now."""
-
 MISTAKE, INTERRUPTED = 2, 130
 """Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
 STOPPED = "tactibench: stopped; the same command continues where it was."
@@ -82,15 +69,11 @@ class Verbs(click.Group):
         return sorted({*VERBS, *_plugin_verbs()})
 
     def get_command(self, _ctx: click.Context, name: str) -> click.Command | None:
-        """Import and return a verb. Raises UserError for an unknown or retired one."""
+        """Import and return a verb. Raises UserError for an unknown one."""
         if name in VERBS:
             module, _, attribute = VERBS[name][0].partition(":")
             command: click.Command = getattr(import_module(module), attribute)
             return command
-        if name in RETIRED:
-            raise UserError(
-                f"`tactibench {name}` is now `tactibench {RETIRED[name]}`; see its --help."
-            )
         verbs = _plugin_verbs()
         if name not in verbs:
             raise UserError(f"unknown command {name!r}; {did_you_mean(name, {*VERBS, *verbs})}")
@@ -204,7 +187,7 @@ def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
     if isinstance(error, SystemExit) and not own_verb:  # a verb of a plugin may end as it likes
         raise error
     if not interrupted:
-        from tactibench.cli.failures import sentence
+        from tactibench.cli.text import sentence
 
         text = sentence(error)
         if text is not None:

@@ -1,4 +1,4 @@
-"""``tactibench report``: the board as one HTML file that works offline."""
+"""``tactibench report`` and ``compare``: boards for people, and runs against each other."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from tactibench.cli.options import board_option, output_file, store_option
+from tactibench.cli.completion import RUN
+from tactibench.cli.options import board_option, json_option, output_file, save_json, store_option
 from tactibench.errors import UserError
-from tactibench.report import AUTO, BOARD, BOTH, ORIGINS, RUNS
 
 
 @click.command()
@@ -34,8 +34,8 @@ from tactibench.report import AUTO, BOARD, BOTH, ORIGINS, RUNS
 @click.option(
     "--from",
     "origin",
-    type=click.Choice(ORIGINS),
-    default=AUTO,
+    type=click.Choice(["auto", "runs", "board", "both"]),
+    default="auto",
     show_default=True,
     help="Stored runs, the committed records of the boards, or both; auto: the store's complete "
     "runs, or the boards where it has none.",
@@ -69,7 +69,7 @@ def report(
     """
     from tactibench.cli.output import Terminal
     from tactibench.records import atomic
-    from tactibench.report import gather, report_page, site_pages
+    from tactibench.report import AUTO, BOARD, BOTH, RUNS, gather, report_page, site_pages
 
     named = ctx.get_parameter_source("store") is not ParameterSource.DEFAULT
     if site is not None and ctx.get_parameter_source("out") is not ParameterSource.DEFAULT:
@@ -97,3 +97,26 @@ def report(
         stream.write(page)
     terminal.say(data.origin)
     terminal.say(f"{out}: {len(page) / 1e6:.1f} MB")
+
+
+@click.command()
+@click.argument("names", nargs=-1, required=True, metavar="RUN RUN [RUN...]", type=RUN)
+@click.option("--distances", is_flag=True, help="Also at every true distance of the tips.")
+@store_option
+@json_option
+def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Path | None) -> None:
+    """Compare stored runs (names in the store, or folders) that answered the same test frames.
+
+    Paired differences of every metric that is a mean over presses, with intervals over presses,
+    permutation p, and Holm's adjustment over everything that is shown.
+
+    \b
+    tactibench compare exp2-superpose-single-s0-1a2b3c4d exp2-unet-single-s0-5e6f7a8b
+    """
+    from tactibench import api
+    from tactibench.cli.output import Terminal
+    from tactibench.report import print_comparisons
+
+    compared = api.compare(*names, distances=distances, store=store)
+    print_comparisons(Terminal().out, compared.runs, compared.pairs)
+    save_json(json_file, compared.rows)

@@ -17,9 +17,7 @@ from tactibench.errors import PluginError, UserError, call_plugin
 from tactibench.frames import move, scale
 from tactibench.geometry import scene_of_contacts, true_contacts
 from tactibench.images import gray
-from tactibench.live.answers import Maps, ask
-from tactibench.live.pins import PinLines
-from tactibench.live.views import AnswerView, FrameView
+from tactibench.live.views import AnswerView, FrameView, Maps, PinLines, ask
 from tactibench.plugins import Encoder, Model, Sensor
 from tactibench.protocols import first_mistake
 

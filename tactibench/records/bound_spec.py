@@ -10,10 +10,6 @@ from tactibench.plugins import Catalogue, EncoderSpec, ModelSpec, Origin, Sensor
 from tactibench.records.identity import code_hash, code_mentions, combined, outside_packages
 from tactibench.records.record import Component
 
-REFERENCE_FRAMES = "reference_frames"
-"""Folder of a plugin's package that makes reference frames. Models are tested on them and never
-trained, so it is no part of the code behind whatever else is in the package."""
-
 SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec)
 
 
@@ -89,10 +85,8 @@ class BoundSpec(Generic[SpecT]):
         Raises:
             UserError: The package of the spec cannot be imported.
         """
-        inside = self.spec.target.partition(":")[0].split(".")[1:2]
-        without = frozenset() if inside == [REFERENCE_FRAMES] else frozenset({REFERENCE_FRAMES})
         try:
-            own = code_hash(self.package, without)
+            own = code_hash(self.package)
             outside: tuple[str, ...] = outside_packages(self.package)
             return combined([own, *(code_hash(name) for name in outside)]) if outside else own
         except ModuleNotFoundError:

@@ -45,7 +45,6 @@ from .frontier_plot import off_nominal as off_nominal
 from .html_report import AUTO as AUTO
 from .html_report import BOARD as BOARD
 from .html_report import BOTH as BOTH
-from .html_report import ORIGINS as ORIGINS
 from .html_report import RUNS as RUNS
 from .html_report import ReportBoard as ReportBoard
 from .html_report import ReportData as ReportData

@@ -42,7 +42,6 @@ from tactibench.report.report_figures import Panel, panels
 from tactibench.run import folder_label
 
 AUTO, RUNS, BOARD, BOTH = "auto", "runs", "board", "both"
-ORIGINS = (AUTO, RUNS, BOARD, BOTH)
 """Origins of the rows of a report, as ``tactibench report --from`` names them."""
 POLICY = (
     "default-src 'none'; script-src '{}'; style-src 'unsafe-inline'; img-src data:; "
@@ -106,8 +105,8 @@ def gather(
     Args:
         store: The run store.
         board: Folder of the leaderboards.
-        origin: One of ORIGINS; auto takes the store's runs where it holds complete ones, else the
-            committed records.
+        origin: AUTO, RUNS, BOARD or BOTH; AUTO takes the store's runs where it holds complete
+            ones, else the committed records.
         protocols: Protocols that are shown; () for all that have records.
 
     Raises:

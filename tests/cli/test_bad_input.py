@@ -71,7 +71,6 @@ UNET = ("run", "exp2", "--model", "unet")
         ([*MEAN, "--json", "."], ["'--json'", "is a directory"]),
         (["score"], ["Missing argument 'RUN'", "tactibench score --help"]),
         (["score", "no-such-run"], ["no run 'no-such-run' in runs", "holds no run yet"]),
-        (["sim", "reall", "x"], ["No such command 'reall'"]),
         (["data", "inport", "x"], ["No such command 'inport'"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -23,7 +23,10 @@ from tactibench.plugins import PluginHost
         ),
         ("superpose --sensor tactip", "sensor 'tactip' cannot be pressed by mouse"),
         ("cnn --protocol surface --data .", "sensor 'recorded' cannot be pressed by mouse"),
-        ("cnn --protocol surface --sensor fitted-127", "protocol 'surface' asks for plate poses"),
+        (
+            "cnn --protocol surface --sensor fitted-127",
+            "takes the presses of a recorded folder",
+        ),
         ("superpose --param model.width=3", "'superpose' has no parameter 'width'"),
         ("superpose unet --param model.wide=3", "has no parameter 'wide'"),
     ],

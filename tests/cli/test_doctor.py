@@ -46,7 +46,7 @@ def test_a_torch_that_does_not_load(cli: Any, monkeypatch: pytest.MonkeyPatch) -
             raise ImportError("libc10.so: cannot open shared object file")
         return {"cpu": "some", "cores_logical": 2, "memory_gib": 1, "gpu": []}
 
-    monkeypatch.setattr("tactibench.run.machine.fingerprint", missing)
+    monkeypatch.setattr("tactibench.run.fingerprint", missing)
     code, out, _ = cli("doctor")
     assert code == 1
     assert broken(out) == [
@@ -55,7 +55,7 @@ def test_a_torch_that_does_not_load(cli: Any, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_package_that_is_missing(cli: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactibench.cli.doctor.PACKAGES", ("numpy", "no-such-package-here"))
+    monkeypatch.setattr("tactibench.cli.plugin.PACKAGES", ("numpy", "no-such-package-here"))
     code, out, _ = cli("doctor")
     assert code == 1
     (line,) = broken(out)

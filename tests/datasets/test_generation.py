@@ -242,7 +242,7 @@ def test_an_empty_or_missing_plan(tmp_path: Path) -> None:
 
 
 def test_a_source_says_what_determines_its_frames() -> None:
-    spec = SensorSpec("tactip-127", "tactibench_sim.sensor:TacTip127", "x")
+    spec = SensorSpec("tactip-127", "tactibench_sim.tactip:TacTip127", "x")
     source = sensor_source(spec, {"size": 32})
     assert source.dome_radius_mm == 20.0
     assert source.identity["parameters"] == {"size": 32}

@@ -38,7 +38,7 @@ def test_an_unseen_instance_is_read_by_its_own_rest_image(make_model, many, name
         rng=np.random.default_rng(0),
         progress=NullProgress(),
     )
-    unseen = single_presses(40, 3, instance=3, ranges=2)
+    unseen = single_presses(40, 3, instance=23)
     nominal = single_presses(40, 4)
     assert off(model, *unseen) < 0.8
     assert off(model, *nominal) < 0.8

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 
 from tactibench import UserError
 from tactibench.frames import FrameRequest, ReferenceFrames
-from tactibench.records import BoundSpec, StoredRun, code_hash, unpack_contacts
+from tactibench.records import StoredRun, unpack_contacts
 from tactibench.run import RunPlan, TestOptions, describe_target, read_test_options
 
 pytestmark = pytest.mark.long
@@ -198,28 +197,3 @@ def test_what_is_read_can_be_asked_again(reference: bool, parameters: dict[str, 
     asked = TestOptions(reference, parameters)
     assert read_test_options(tuple(asked.texts)) == asked
     assert bool(asked) == bool(asked.texts)
-
-
-def test_reference_frames_are_no_part_of_the_code_behind_other_frames(
-    host: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package = tmp_path / "shaped"
-    (package / "reference_frames").mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "sensor.py").write_text("a = 1\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    spec, origin = host.sensors["other"], host.sensors.origins["other"]
-
-    def codes() -> tuple[str, str]:
-        code_hash.cache_clear()
-        targets = ("shaped.sensor:S", "shaped.reference_frames.sensor:S")
-        made = (BoundSpec(replace(spec, target=target), {}, origin) for target in targets)
-        one, two = (part.code() for part in made)
-        return one, two
-
-    before = codes()
-    (package / "reference_frames" / "sensor.py").write_text("b = 1\n")
-    after = codes()
-    assert (before[0] == after[0], before[1] == after[1]) == (True, False)
-    (package / "sensor.py").write_text("a = 2\n")
-    assert not set(codes()) & set(after)

@@ -167,7 +167,7 @@ def test_models_that_cannot_adapt_answer_without_labelled_frames(done: Done) -> 
 def test_a_simulated_sensor_trains_and_its_calibration_frames_test_nothing(
     planned: Plan, folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactibench_sim.real.sensor import FittedSensor
+    from tactibench_sim import FittedSensor
 
     simulated = {"data": None, "sensor": "fitted-127", "parameters": {"sensor": {"size": "64"}}}
     before = planned(**simulated)

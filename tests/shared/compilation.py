@@ -59,7 +59,7 @@ for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Inden
 """
 
 SCRIPTS = {
-    "plugins/tactibench_sim/mechanics/friction.py": SIMULATOR,
+    "plugins/tactibench_sim/friction.py": SIMULATOR,
     "tactibench/markers/tracker.py": READERS,
 }
 """A module whose loops are compiled last -> what compiles it."""

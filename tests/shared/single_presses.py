@@ -4,7 +4,7 @@ import numpy as np
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import TacTip127
 
 
 def single_presses(count, seed, reach=4.0, depths=(1.0, 3.0), **parameters):

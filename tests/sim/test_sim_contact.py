@@ -15,7 +15,7 @@ from tactibench.geometry import (
     tip_positions,
     true_contacts,
 )
-from tactibench_sim.mechanics.contact import check_reach, tips_of
+from tactibench_sim import check_reach, tips_of
 
 numbers = st.floats(-8, 8)
 INDENTERS = (

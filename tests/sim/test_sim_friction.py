@@ -7,20 +7,24 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
+from other_scenes import Slide, slides
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim.mechanics import drag_tables, tables
-from tactibench_sim.mechanics.contact import Tips, tips_of
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.mechanics.friction import FrictionMechanics
-from tactibench_sim.mechanics.tips import TipMechanics
-from tactibench_sim.pins import layout
-from tactibench_sim.reference_frames.scenes import ReferenceScene, shipped_sideways
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import (
+    FrictionMechanics,
+    TableMechanics,
+    TacTip127,
+    Tips,
+    layout,
+    shipped_dome,
+    shipped_file,
+    tip_drag,
+    tips_of,
+)
 
 Array = npt.NDArray[np.float64]
 PINS = layout(127)
-FRICTIONLESS = TipMechanics(TableMechanics(tables.shipped(), "coupled"))
+FRICTIONLESS = TableMechanics(shipped_dome(), "coupled", other_tips=True)
 
 
 def moved(scene: Scene, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> Tips:
@@ -75,7 +79,7 @@ class TestNothingIsDragged:
 class TestLaw:
     def test_a_short_move_is_followed_and_a_long_one_slips_at_coulombs_limit(self) -> None:
         normal = float(FRICTIONLESS.forces(FRICTIONLESS.loads(tips_of([single()])))[0, 0])
-        compliance = float(drag_tables.drag_of(3.0).compliance_at(np.array(2.0)))
+        compliance = float(tip_drag(3.0, shipped_file("drag.npz")).compliance_at(np.array(2.0)))
         short = sideways_force(0.8, moved(single(), dx=0.01))[0]
         assert short[0] == pytest.approx(0.01 / compliance, rel=0.02)
         long = sideways_force(0.8, moved(single(), dx=5.0))[0]
@@ -84,7 +88,7 @@ class TestLaw:
 
     def test_half_way_to_the_slip_the_force_is_mindlins(self) -> None:
         normal = float(FRICTIONLESS.forces(FRICTIONLESS.loads(tips_of([single()])))[0, 0])
-        compliance = float(drag_tables.drag_of(3.0).compliance_at(np.array(2.0)))
+        compliance = float(tip_drag(3.0, shipped_file("drag.npz")).compliance_at(np.array(2.0)))
         way = 0.5 * 1.5 * 0.4 * normal * compliance
         force = sideways_force(0.4, moved(single(), dx=way))[0, 0]
         assert force == pytest.approx(0.4 * normal * (1 - 0.5**1.5), rel=1e-9)
@@ -133,16 +137,16 @@ LARGEST_MM = {1.5: 0.015, 3.0: 0.16, 4.0: 0.03, np.inf: 0.08}
 """Measured: largest error at a pin base of tips to 3 mm depth, by radius."""
 
 
-@pytest.mark.parametrize("scene", shipped_sideways().scenes, ids=lambda scene: scene.label)
+@pytest.mark.parametrize("scene", slides(), ids=lambda scene: f"R{scene.tips.radius[0]:g}")
 def test_the_field_is_that_of_finite_elements_with_coulombs_friction(
-    scene: ReferenceScene,
+    scene: Slide,
 ) -> None:
     dragged, still = (
-        np.linalg.norm(bases(friction, scene.as_tips) - scene.displacement, axis=1).max()
+        np.linalg.norm(bases(friction, scene.tips) - scene.displacement, axis=1).max()
         for friction in (scene.friction, 0.0)
     )
-    if scene.depth < 3.2:
-        assert dragged <= LARGEST_MM[scene.radius]
+    if scene.tips.depth.max() < 3.2:
+        assert dragged <= LARGEST_MM[float(scene.tips.radius[0])]
     assert dragged < 0.27 * still
 
 
@@ -177,10 +181,4 @@ class TestBadInput:
     @pytest.mark.parametrize("radius", [0.9, 8.1, 10.0])
     def test_a_radius_beyond_the_tables_of_drag_is_refused(self, radius: float) -> None:
         with pytest.raises(UserError, match=r"drag for 1 to 8 mm.*sensor\.friction"):
-            drag_tables.drag_of(radius)
-
-    def test_finite_elements_know_no_friction(self) -> None:
-        pytest.importorskip("ngsolve")
-        context = SensorContext(np.random.SeedSequence(0))
-        with pytest.raises(UserError, match="knows no friction; take"):
-            TacTip127(context, tier="fem", friction=0.5)
+            tip_drag(radius, shipped_file("drag.npz"))

@@ -1,28 +1,45 @@
-"""Other sensors of the same kind: their domes' tables, drawn and interpolated."""
+"""Other sensors of the same make: domes between computed ones, draws, presses on many of them."""
 
+import dataclasses
 import json
 import math
-from importlib.resources import files
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import tabulate_instances
+import tabulate_presses
 from hard_scenes import enclosed_volume
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim import fem, instances
-from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of
-from tactibench_sim.mechanics import tables as table_file
-from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.mechanics.dome import TableMechanics
-from tactibench_sim.pins import layout
-from tactibench_sim.sensor import TacTip127
+from tactibench_sim import (
+    QUANTUM,
+    RATIO_FACTOR,
+    SKIN_FACTOR,
+    TACTIP_127,
+    TACTIP_331,
+    Optics,
+    Spread,
+    TableMechanics,
+    TacTip127,
+    TacTip331,
+    Tips,
+    Tolerances,
+    TrainingInstances,
+    dome_of,
+    instance_tables,
+    layout,
+    lost_pins,
+    modulus,
+    perturb,
+    read_file,
+    shape_name,
+    shipped_dome,
+    shipped_file,
+    tables_between,
+)
 
-SHIPPED = files("tactibench_sim").joinpath(instances.FILE)
-NOMINAL, DOMES = table_file.shipped(), instances.shipped()
+NOMINAL, DOMES = shipped_dome(), shipped_file("domes.npz")
 ALL = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]
 few = settings(max_examples=12)
 anywhere = st.tuples(st.floats(-1, 1), st.floats(-1, 1))
@@ -31,31 +48,24 @@ FIELDS = ("w", "t", "omega", "w_outer", "t_outer")
 
 def test_instance_0_is_the_nominal_table():
     assert dome_of(0) == (0.0, 0.0)
-    assert instances.instance_tables(NOMINAL, 0) is NOMINAL
-    assert DOMES.tables(NOMINAL, 0.0, 0.0) is NOMINAL
+    assert instance_tables(NOMINAL, 0) is NOMINAL
+    assert tables_between(NOMINAL, 0.0, 0.0) is NOMINAL
 
 
-def test_domes_are_drawn_once_and_over_the_whole_range():
+def test_domes_are_drawn_once_within_the_tables():
     drawn = np.array([dome_of(n) for n in range(1, 2001)])
     assert dome_of(7) == dome_of(7)
     assert len(np.unique(drawn)) == drawn.size
-    assert abs(drawn).max() <= 1
-    shares = np.histogram2d(*drawn.T, bins=4, range=[[-1, 1]] * 2)[0] / len(drawn)
-    assert shares == pytest.approx(1 / 16, abs=0.02)
-
-
-def test_the_ranges_are_the_stated_ones():
-    told = [DOMES.tables(NOMINAL, x, y).parameters["dome"] for x, y in ((-1, -1), (1, 1))]
-    assert [d["stiffness_ratio"] for d in told] == pytest.approx([25, 100])
-    assert [d["skin"] for d in told] == pytest.approx([0.8, 1.25])
+    assert 0.8 < abs(drawn).max() <= 1
 
 
 @pytest.mark.parametrize("radius", NOMINAL.by_radius)
 @pytest.mark.parametrize("node", [n for n in ALL if n != (0, 0)])
 def test_a_computed_dome_is_met(radius, node):
-    one, base = DOMES.tables(NOMINAL, *node).by_radius[radius], NOMINAL.by_radius[radius]
-    kept = DOMES.by_shape[table_file.shape_name(radius)]
-    every = tabulate_instances.EVERY
+    one, base = tables_between(NOMINAL, *node).by_radius[radius], NOMINAL.by_radius[radius]
+    shape, every = shape_name(radius), 2
+    kept = {n: DOMES.arrays[f"{shape}_{n}"] * QUANTUM for n in FIELDS}
+    kept["force"] = DOMES.arrays[f"{shape}_force"]
     for name in FIELDS:
         change = (one.fields[name] - base.fields[name])[::every, ::every]
         assert change == pytest.approx(kept[name][node[0] + 1, node[1] + 1], abs=1e-12)
@@ -64,21 +74,9 @@ def test_a_computed_dome_is_met(radius, node):
 
 
 @few
-@given(anywhere, st.sampled_from([(1e-6, 0.0), (0.0, -1e-6), (-1e-6, 1e-6)]))
-def test_near_domes_are_near(at, step):
-    at = (min(max(at[0], -0.99), 0.99), min(max(at[1], -0.99), 0.99))
-    one, other = (
-        DOMES.tables(NOMINAL, *where).by_radius[3.0].fields
-        for where in (at, (at[0] + step[0], at[1] + step[1]))
-    )
-    for name in FIELDS:
-        assert abs(one[name] - other[name]).max() < 3e-6
-
-
-@few
 @given(anywhere)
 def test_what_mechanics_demands_holds_between_computed_domes(at):
-    tables = DOMES.tables(NOMINAL, *at)
+    tables = tables_between(NOMINAL, *at)
     inner = 20.0 - tables.parameters["dome"]["skin"]
     for one in tables.by_radius.values():
         assert one.fields["force"][0] == 0
@@ -103,156 +101,255 @@ def test_a_stiffer_gel_and_a_thicker_skin_take_more_force(fixed, low):
     """Forces are in units of the skin's modulus: a greater ratio is a softer gel."""
     for radius in NOMINAL.by_radius:
         soft, stiff, thin, thick = (
-            DOMES.tables(NOMINAL, *at).by_radius[radius].fields["force"][1:]
+            tables_between(NOMINAL, *at).by_radius[radius].fields["force"][1:]
             for at in ((low + 0.1, fixed), (low, fixed), (fixed, low), (fixed, low + 0.1))
         )
         assert (stiff > soft).all()
         assert (thick > thin).all()
 
 
-def test_an_individual_is_told_apart():
-    several = [instances.instance_tables(NOMINAL, n) for n in (0, 1, 2, 3)]
-    again = instances.instance_tables(NOMINAL, 2)
+def test_an_instance_is_told_apart():
+    several = [instance_tables(NOMINAL, n) for n in (0, 1, 2, 3)]
+    again = instance_tables(NOMINAL, 2)
     assert len({one.digest for one in several}) == 4
     assert all(len(one.digest) == 64 for one in several)
     assert again.digest == several[2].digest
     assert again.parameters["instance"] == 2
     assert again.parameters["between"] == DOMES.digest
     assert json.loads(json.dumps(again.parameters)) == again.parameters
-    assert NOMINAL.parameters == table_file.shipped().parameters
     assert "instance" not in NOMINAL.parameters
 
 
-def test_corrections_are_those_of_the_nominal_dome():
-    assert instances.instance_tables(NOMINAL, 5).corrections is NOMINAL.corrections
+def invented(ratio, skin, radius, delta, polar):
+    """Fields quadratic in both logarithms, around the nominal ones."""
+    x, y = math.log(ratio / 50, RATIO_FACTOR), math.log(skin, SKIN_FACTOR)
+    amount = 0.3 * x - 0.2 * x * x + 0.1 * y + 0.05 * x * x * y * y
+    one = NOMINAL.by_radius[radius]
+    field = amount * np.outer(delta * (7 - delta), np.cos(2 * polar)) / 12
+    out = {name: one.fields[name][::2, :: len(one.polar) // len(polar)] + field for name in FIELDS}
+    return {**out, "force": one.fields["force"][::2] + amount * delta}
+
+
+def test_a_dome_between_computed_ones(tmp_path, monkeypatch):
+    """The script stores the fields of eight domes; between them the quadratic is met."""
+    monkeypatch.setattr(
+        tabulate_presses,
+        "columns",
+        lambda dome, radius, delta, polar: invented(
+            dome.stiffness_ratio, dome.skin, radius, delta, polar
+        ),
+    )
+    monkeypatch.setattr(tabulate_presses, "solver", lambda: "none")
+    tabulate_presses.tabulate_domes(tmp_path / "made.npz", NOMINAL)
+    made = read_file(tmp_path / "made.npz")
+    monkeypatch.setattr("tactibench_sim.instances.shipped_file", lambda _: made)
+    for x, y in [(0.3, -0.7), (-0.5, 0.5), (1.0, 1.0)]:
+        got = tables_between(NOMINAL, x, y)
+        dome = got.parameters["dome"]
+        assert dome["stiffness_ratio"] == 50 * RATIO_FACTOR**x
+        for radius, one in got.by_radius.items():
+            delta = one.delta[::2]
+            exact = invented(dome["stiffness_ratio"], dome["skin"], radius, delta, one.polar)
+            for name in FIELDS:
+                assert one.fields[name][::2] == pytest.approx(exact[name], abs=2 * QUANTUM)
+            assert one.fields["force"][::2] == pytest.approx(exact["force"], abs=1e-6)
 
 
 @pytest.mark.parametrize("tier", ["superpose", "coupled"])
-def test_pins_stand_on_the_individuals_own_skin(tier):
-    tables = instances.instance_tables(NOMINAL, 4)
+def test_pins_stand_on_the_instances_own_skin(tier):
+    tables = instance_tables(NOMINAL, 4)
+    assert tables.corrections is NOMINAL.corrections
     dome, pins = TableMechanics(tables, tier), layout(127)
     none = dome.loads(Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, 3.0)))
     skin = SKIN_FACTOR ** dome_of(4)[1]
     assert abs(skin - 1) > 0.02
     rest = dome.pin_tips(none, pins, 2.0)[0]
     assert np.linalg.norm(rest, axis=1) == pytest.approx(20.0 - skin - 2.0)
-    deep = dome.loads(Tips(np.zeros((1, 1, 2)), np.full((1, 1), 4.0), np.full(1, 3.0)))
-    nominal = TableMechanics(NOMINAL, tier)
-    moved = [one.displacement(deep, pins)[0] for one in (dome, nominal)]
+    deep = Tips(np.zeros((1, 1, 2)), np.full((1, 1), 4.0), np.full(1, 3.0))
+    moved = [m.displacement(m.loads(deep), pins)[0] for m in (dome, TableMechanics(NOMINAL, tier))]
     assert 0.02 < abs(moved[0] - moved[1]).max() < 1.0
+    told = sensor(instance=4).describe()["tables"]
+    assert told["sha256"] == tables.digest
+    assert told["dome"]["skin"] == pytest.approx(skin)
 
 
-def sensor(instance, **parameters):
-    return TacTip127(SensorContext(np.random.SeedSequence(0)), instance=instance, **parameters)
+# -- presses on many of them
 
 
-def test_a_sensor_has_the_dome_of_its_instance():
-    told = [sensor(n).describe()["tables"] for n in (0, 3, 3, 4)]
-    assert told[0]["sha256"] == NOMINAL.digest
-    assert told[1] == told[2]
-    assert told[1]["sha256"] != told[3]["sha256"]
-    x, y = dome_of(3)
-    assert told[1]["dome"]["stiffness_ratio"] == pytest.approx(50 * RATIO_FACTOR**x)
-    assert told[1]["dome"]["skin"] == pytest.approx(SKIN_FACTOR**y)
+def sensor(seed=3, kind=TacTip127, **parameters):
+    parameters = {"size": 64, "threads": 1} | parameters
+    return kind(SensorContext(np.random.SeedSequence(seed, spawn_key=(1, 2))), **parameters)
 
 
-@pytest.mark.parametrize("parameters", [{"instance": 3}, {"instance": 0, "instances": 2}])
-def test_a_table_of_ones_own_has_no_instances(parameters):
-    table = str(files("tactibench_sim.mechanics").joinpath(table_file.FILE))
-    with pytest.raises(UserError, match=r"sensor\.instances?=\d is of others; leave one"):
-        sensor(**parameters, table=table)
+def scenes(count):
+    return [
+        Scene(Indenter.single(), Pose(k % 7 - 3, k % 5 - 2, depth=0.05 * k)) for k in range(count)
+    ]
 
 
-def test_a_radius_that_instances_do_not_have_is_refused_without_a_way_that_is_none():
-    scene = Scene(Indenter.single(0.5), Pose(depth=0.3))
-    with pytest.raises(UserError, match=r"radius is 0\.5 mm.*tables for: 3 mm, plate") as caught:
-        sensor(1).press(scene)
-    assert "tabulate" not in str(caught.value)
+def alike(one, two):
+    return all(
+        np.array_equal(a.image, b.image)
+        and np.array_equal(a.rest, b.rest)
+        and (a.timestamp, a.pose) == (b.timestamp, b.pose)
+        for a, b in zip(one, two, strict=True)
+    )
 
 
-# -- the file
+# -- which instance
 
 
-def test_the_file_is_small_and_of_the_table_that_ships():
-    assert len(SHIPPED.read_bytes()) < 600_000
-    assert DOMES.parameters["dome"] == NOMINAL.parameters["dome"]
-    assert DOMES.parameters["ratio_factor"] == RATIO_FACTOR
-    assert DOMES.parameters["skin_factor"] == SKIN_FACTOR
+@given(st.integers(2, 1000), st.integers(0, 2**63), st.integers(0, 10**6))
+def test_reserved_instances_are_never_drawn(count, seed, press):
+    drawn = TrainingInstances(None, np.random.SeedSequence(seed), count)
+    number = drawn.number_of(press)
+    assert 10 <= number < 10 + count
+    again = TrainingInstances(None, np.random.SeedSequence(seed), count)
+    assert again.number_of(press) == number
 
 
-def test_differences_from_another_table_are_refused():
-    with pytest.raises(UserError, match=r"sphere4.*scripts/fem/tabulate_instances.py"):
-        DOMES.tables(_with(4.0), 0.5, 0.5)
-    stiff = {**NOMINAL.parameters, "dome": {**NOMINAL.parameters["dome"], "stiffness_ratio": 60}}
-    with pytest.raises(UserError, match=r"'stiffness_ratio': 60.*tabulate_instances.py"):
-        DOMES.tables(table_file.Tables(stiff, "", NOMINAL.by_radius, NOMINAL.corrections), 0.5, 0.5)
+@pytest.mark.parametrize("count", [2, 3, 16])
+def test_the_presses_are_spread_evenly_and_without_a_pattern(count):
+    drawn = TrainingInstances(None, np.random.SeedSequence(5), count)
+    numbers = np.array([drawn.number_of(press) for press in range(1600)])
+    share = np.bincount(numbers - 10, minlength=count) / len(numbers)
+    assert share == pytest.approx(1 / count, abs=4 * math.sqrt(1 / count / len(numbers)))
+    same = np.mean(numbers[1:] == numbers[:-1])
+    assert same == pytest.approx(1 / count, abs=4 * math.sqrt(1 / count / len(numbers)))
 
 
-def _with(radius):
-    one = NOMINAL.by_radius[3.0]
-    more = {**NOMINAL.by_radius, radius: table_file.Table(radius, one.delta, one.polar, one.fields)}
-    return table_file.Tables(NOMINAL.parameters, "", more, NOMINAL.corrections)
+def test_frames_are_those_of_the_instances_themselves():
+    many, pressed = sensor(instances=3, noise=False), scenes(20)
+    frames = list(many.press_many(pressed))
+    drawn = set()
+    for k, (scene, frame) in enumerate(zip(pressed, frames, strict=True)):
+        number = many.instances.number_of(k)
+        drawn.add(number)
+        own = sensor(instance=number, noise=False)
+        assert np.array_equal(frame.image, own.press(scene).image)
+        assert np.array_equal(frame.rest, own.rest().image)
+    assert drawn == {10, 11, 12}
 
 
-def invented(dome, radius, delta, polar):
-    """Columns quadratic in both logarithms, around the nominal ones."""
-    x = math.log(dome.stiffness_ratio / 50) / math.log(RATIO_FACTOR)
-    y = math.log(dome.skin) / math.log(SKIN_FACTOR)
-    amount = 0.3 * x - 0.2 * x * x + 0.1 * y + 0.05 * x * x * y * y
-    one, rows = NOMINAL.by_radius[radius], slice(None, None, tabulate_instances.EVERY)
-    field = amount * np.outer(delta * (7 - delta), np.cos(2 * polar)) / 12
-    out = {name: one.fields[name][rows] + field for name in FIELDS}
-    return {**out, "force": one.fields["force"][rows] + amount * delta}
+def test_few_instances_in_memory_give_the_same_frames(monkeypatch):
+    pressed = scenes(20)
+    frames = list(sensor(instances=6).press_many(pressed))
+    monkeypatch.setattr("tactibench_sim.instances.KEPT", 1)
+    assert alike(frames, sensor(instances=6).press_many(pressed))
 
 
-def test_a_dome_between_computed_ones(tmp_path, monkeypatch):
-    monkeypatch.setattr(tabulate_instances, "columns", invented)
-    monkeypatch.setattr(fem, "require_ngsolve", lambda: SimpleNamespace(__version__="none"))
-    told = []
-    digest = tabulate_instances.tabulate_instances(tmp_path / "made.npz", NOMINAL, told.append)
-    assert len(told) == 16
-    made = instances.read(tmp_path / "made.npz")
-    assert made.digest == digest
-    for x, y in [(0.3, -0.7), (-0.5, 0.5), (1.0, 1.0)]:
-        dome = fem.Dome(stiffness_ratio=50 * RATIO_FACTOR**x, skin=SKIN_FACTOR**y)
-        got = made.tables(NOMINAL, x, y)
-        assert fem.Dome(**got.parameters["dome"]) == dome
-        for radius, one in got.by_radius.items():
-            exact = invented(dome, radius, one.delta[::2], one.polar)
-            for name in FIELDS:
-                assert one.fields[name][::2] == pytest.approx(
-                    exact[name], abs=2 * instances.QUANTUM
-                )
-            assert one.fields["force"][::2] == pytest.approx(exact["force"], abs=1e-6)
+# -- the rest frame
 
 
-def test_a_run_that_does_not_converge_leaves_no_file(tmp_path, monkeypatch):
-    def columns(dome, radius, delta, polar):
-        if dome.skin > 1.2:
-            raise fem.NotConvergedError("the finite-element run did not converge beyond 4.085")
-        return invented(dome, radius, delta, polar)
+@pytest.mark.parametrize(
+    "parameters", [{}, {"output": "rgb"}, {"pin_loss": 0.1}, {"kind": TacTip331}]
+)
+def test_every_instance_has_its_own_rest_frame_and_it_is_that_of_no_contact(parameters):
+    many = sensor(instances=5, noise=False, **parameters)
+    untouched = [Scene(Indenter.single(), Pose(depth=0.0))] * 30
+    frames = list(many.press_many(untouched))
+    by_instance = {many.instances.number_of(k): frame.rest for k, frame in enumerate(frames)}
+    for k, frame in enumerate(frames):
+        assert np.array_equal(frame.image, frame.rest)
+        assert frame.rest is by_instance[many.instances.number_of(k)]  # shared, not copied
+        assert not frame.rest.flags.writeable
+    rests = {rest.tobytes() for rest in by_instance.values()}
+    assert len(by_instance) == len(rests) == 5
+    nominal = sensor(noise=False, **parameters).rest().image
+    assert nominal.tobytes() not in rests
+    assert np.array_equal(many.rest().image, nominal)
 
-    monkeypatch.setattr(tabulate_instances, "columns", columns)
-    monkeypatch.setattr(fem, "require_ngsolve", lambda: SimpleNamespace(__version__="none"))
-    with pytest.raises(fem.NotConvergedError):
-        tabulate_instances.tabulate_instances(tmp_path / "made.npz", NOMINAL)
-    assert not list(tmp_path.iterdir())
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_none_and_one_are_the_sensor_itself_bit_for_bit(count):
+    plain, one = sensor(), sensor(instances=count)
+    assert one.describe() == plain.describe()
+    assert alike(one.press_many(scenes(10)), plain.press_many(scenes(10)))
 
 
-def test_a_difference_that_does_not_fit_is_refused():
-    with pytest.raises(ValueError, match="more than fits"):
-        tabulate_instances.change("w", np.full((3, 4), 5.0), np.zeros((6, 4)))
+def test_many_and_one_at_once_are_refused():
+    with pytest.raises(UserError, match=r"sensor.instance=3 and sensor.instances=4 name different"):
+        sensor(instance=3, instances=4)
 
 
-@pytest.mark.slow
-def test_finite_elements_between_computed_domes():
-    """Ratio 37, skin 1.12 mm: about as far from the nine computed domes as a dome can be."""
-    pytest.importorskip("ngsolve", reason="needs the extra `fem`")
-    x, y = math.log(37 / 50) / math.log(RATIO_FACTOR), math.log(1.12) / math.log(SKIN_FACTOR)
-    one = DOMES.tables(NOMINAL, x, y).by_radius[3.0]
-    dome = fem.Dome(stiffness_ratio=37.0, skin=1.12)
-    rows = [0, 4, 8, 16, 24, 32, 40, 48, 52]
-    exact = tabulate_instances.columns(dome, 3.0, one.delta[rows], one.polar)
-    for name in FIELDS:
-        assert one.fields[name][rows] == pytest.approx(exact[name], abs=0.006), name
-    assert one.fields["force"][rows] == pytest.approx(exact["force"], rel=0.015)
+def test_the_description_says_which_instances():
+    told = sensor(instances=4).describe()["instances"]
+    assert (told["count"], told["numbers"]) == (4, [10, 13])
+    assert told["tolerances"] == dataclasses.asdict(Tolerances())
+    assert told["domes"] == DOMES.digest
+    assert "instances" not in sensor(instance=3).describe()
+
+
+# -- the ranges
+
+
+@given(st.integers(1, 9))
+def test_a_test_instance_is_within_the_assumed_ranges_and_always_the_same(instance):
+    nominal, spread = TACTIP_331, Spread()
+    optics, length = perturb(nominal, 2.0, instance)
+    assert (optics, length) == perturb(nominal, 2.0, instance)
+    assert abs(length - 2.0) <= spread.pin_length_mm
+    relative = {"focal", "marker_radius_mm", "brightness", "background"}
+    for field in dataclasses.fields(Spread):
+        if field.name == "pin_length_mm":
+            continue
+        was, now = getattr(nominal, field.name), getattr(optics, field.name)
+        by = getattr(spread, field.name) * (was if field.name in relative else 1)
+        assert 0 < abs(now - was) <= by + 1e-12
+    touched = {f.name for f in dataclasses.fields(Spread)}
+    for field in dataclasses.fields(Optics):
+        if field.name not in touched:
+            assert getattr(optics, field.name) == getattr(nominal, field.name)
+    # Computed from the formula by which the rows of the boards were made.
+    u = np.random.default_rng([instance, *b"optics"]).uniform(-1.0, 1.0, 12)
+    assert optics.camera_distance_mm == 55.0 + u[0] * 0.5
+    assert optics.background == 16.0 * (1 + u[11] * 0.2)
+    x, y = np.random.default_rng([instance, *b"dome"]).uniform(-1.0, 1.0, 2)
+    assert dome_of(instance) == (x, y)
+
+
+@given(st.integers(10, 10**9))
+def test_a_training_instance_is_within_its_tolerances(instance):
+    nominal, wide = TACTIP_127, Tolerances()
+    optics, length = perturb(nominal, 2.0, instance)
+    assert (optics, length) == perturb(nominal, 2.0, instance)
+    assert abs(length - 2.0) <= wide.pin_length_mm
+    for name in ("principal_x", "principal_y", "roll_deg", "marker_radius_mm", "edge_px"):
+        assert 0 < abs(getattr(optics, name) - getattr(nominal, name)) <= getattr(wide, name)
+    assert abs(optics.focal / nominal.focal - 1) <= wide.focal
+    # more gel is a longer tip: beside the camera's seat the window keeps its place
+    assert abs(optics.gel_mm - nominal.gel_mm) <= wide.fill_mm
+    assert abs(optics.air_mm - nominal.air_mm) <= wide.seat_mm + 1e-9
+    # the same LEDs light pins and gel
+    light = optics.brightness / nominal.brightness
+    assert abs(light - 1) <= wide.light
+    assert abs(optics.background / nominal.background / light - 1) <= wide.background + 1e-12
+    x, y = dome_of(instance)
+    assert max(abs(x), abs(y)) <= 1  # the tables reach no further
+    assert abs(SKIN_FACTOR**y - 1) <= wide.skin_mm + 1e-12
+
+
+def test_the_ends_of_the_tolerances_stay_within_the_tables():
+    wide = Tolerances()
+    for sign in (-1, 1):
+        skin = modulus(30 + sign * wide.hardness) / modulus(30)
+        ratio = skin * wide.gel**sign
+        assert 1 / RATIO_FACTOR <= ratio <= RATIO_FACTOR
+        assert 1 / SKIN_FACTOR <= 1 + sign * wide.skin_mm <= SKIN_FACTOR
+
+
+@given(st.integers(0, 1000), st.floats(0, 0.9))
+def test_lost_pins_are_the_instances(instance, share):
+    lost = lost_pins(127, share, instance)
+    assert lost.sum() == round(127 * share)
+    assert (lost == lost_pins(127, share, instance)).all()
+    assert (lost <= lost_pins(127, min(1.0, share + 0.1), instance)).all()
+    if share > 0.1:
+        assert (lost != lost_pins(127, share, instance + 1)).any()
+
+
+def test_modulus_follows_hardness_as_gent_says():
+    """30 Shore A is 1.14 MPa, and five points of hardness are about a fifth of the modulus."""
+    assert modulus(30) == pytest.approx(1.14, abs=0.01)
+    assert modulus(25) / modulus(30) == pytest.approx(0.81, abs=0.01)
+    assert modulus(35) / modulus(30) == pytest.approx(1.22, abs=0.01)

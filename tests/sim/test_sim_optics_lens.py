@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
 from tactibench import UserError
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.lens import project, slope_per_mm
-from tactibench_sim.optics.noise import Noise
+from tactibench_sim import Optics, project, slope_per_mm
 
 AIR = {"gel_index": 1.0, "window_index": 1.0}
 PATHS = st.tuples(
@@ -129,35 +127,7 @@ def test_x_is_right_y_is_down_and_the_axis_can_be_elsewhere():
     assert moved[1] == pytest.approx(44.95 + (x - 50), abs=1e-10)
 
 
-def test_shapes_and_places_are_kept():
-    points = np.random.default_rng(0).uniform([-10, -10, 40], [10, 10, 60], (3, 4, 3))
-    x, y, radius = project(Optics(), points)
-    assert x.shape == y.shape == radius.shape == (3, 4)
-    alone = project(Optics(), points[1, 2])
-    assert (x[1, 2], y[1, 2], radius[1, 2]) == alone
-    assert project(Optics(), points - [0, 0, 35], 35.0)[0] == pytest.approx(x, rel=1e-13)
-
-
 def test_a_marker_outside_the_gel_is_refused():
     for z in (34.9, 0.0, -5.0, math.nan):
         with pytest.raises(UserError, match=r"not in the gel, which begins 35 mm"):
             project(Optics(), np.array([[0.0, 0.0, 50.0], [0.0, 0.0, z]]))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        ({"lens": "mirror"}, "lens is 'mirror'; allowed: pinhole, fisheye"),
-        ({"output": "jpeg"}, "allowed: grey, rgb, bw"),
-        ({"camera_distance_mm": 22.0}, "until air is left"),
-        ({"camera_distance_mm": math.nan}, "must be a finite number"),
-        ({"noise": Noise(read=math.inf)}, "read is inf; it must be a finite number"),
-        ({"noise": Noise(full_well=0.0)}, "full_well is 0; use 1 or more"),
-        ({"gel_index": 0.9}, "gel_index is 0.9; use 1 or more"),
-        ({"edge_px": 0.0}, "edge_px is 0; use 0.01 or more"),
-        ({"background": 100.0, "brightness": 100.0}, "make the tips brighter"),
-    ],
-)
-def test_optics_that_no_camera_has_are_refused(wrong, named):
-    with pytest.raises(UserError, match=named):
-        Optics(**wrong)

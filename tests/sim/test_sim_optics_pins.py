@@ -1,24 +1,21 @@
 """Where the pins stand, and the real rest frames."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.optimize import least_squares, linear_sum_assignment
+from tac_vgnn import tac_vgnn_folder
 
 from tactibench import SensorContext
-from tactibench_sim.optics.camera import Optics
-from tactibench_sim.optics.lens import project
-from tactibench_sim.pins import HEXAGON, RINGS, layout, polar_angles
-from tactibench_sim.sensor import TacTip127, TacTip331
-
-REAL = Path(
-    os.environ.get(
-        "TACTIBENCH_TACVGNN",
-        Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn",
-    )
+from tactibench_sim import (
+    HEXAGON,
+    RINGS,
+    Optics,
+    TacTip127,
+    TacTip331,
+    layout,
+    polar_angles,
+    project,
 )
 
 
@@ -55,9 +52,7 @@ def test_layout_is_a_centred_unit_pattern_that_fits_the_frame(pins):
 
 
 def rest_frame(pins):
-    path = REAL / str(pins) / "model_surface2d" / "frames_bw" / "init_0.png"
-    if not path.is_file():
-        pytest.skip(f"the real rest frame {path} is not there")
+    path = tac_vgnn_folder(f"{pins}/model_surface2d") / "frames_bw" / "init_0.png"
     import cv2
 
     return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

@@ -1,1 +1,0 @@
-"""The command `tactibench sim`: what it draws, compares and fits."""

@@ -1,1 +1,0 @@
-"""The dome under spherical tips and plates: from scenes to the displacement of its skin."""

@@ -1,1 +1,0 @@
-"""A flat gel pad with a square grid of markers, seen from below."""

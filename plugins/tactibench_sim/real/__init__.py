@@ -1,1 +1,0 @@
-"""Fitted sensors: camera, pins and a plate's drag fitted to recorded real presses."""

@@ -1,0 +1,198 @@
+"""The simulated TacTip as a sensor, and the two that ship."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Grid, Scene, SensorContext, UserError, __version__
+from tactibench.geometry import DOME_RADIUS_MM
+from tactibench_sim.camera import TACTIP_127, TACTIP_331, Optics, optics_from
+from tactibench_sim.contact import Tips, tips_of
+from tactibench_sim.dome import TableMechanics, tips_of_pins
+from tactibench_sim.friction import FrictionMechanics
+from tactibench_sim.pins import PIN_LENGTH_MM, layout
+from tactibench_sim.renderer import Renderer, streams
+from tactibench_sim.sensor import FRAMES_PER_SECOND, SimulatedSensor
+from tactibench_sim.tables import dome_tables, read_file, shipped_dome
+
+if TYPE_CHECKING:
+    from tactibench_sim.instances import TrainingInstances
+
+Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
+
+
+class SimulatedTacTip(SimulatedSensor):
+    """A skin-on-gel dome with pins; single-contact fields from finite elements.
+
+    Attributes:
+        pins: Number of pins.
+        preset: The nominal camera.
+    """
+
+    pins: ClassVar[int]
+    preset: ClassVar[Optics]
+
+    def __init__(
+        self,
+        context: SensorContext,
+        *,
+        tier: str = "coupled",
+        table: str = "",
+        instance: int = 0,
+        instances: int = 0,
+        pin_length: float = PIN_LENGTH_MM,
+        friction: float = 0.0,
+        threads: int | None = None,
+        **optical: Any,
+    ) -> None:
+        """Build the dome, its pins and its camera.
+
+        Args:
+            context: The seed of the noise.
+            tier: How scenes become displacement fields.
+            table: Path of a file of single-contact fields; "": the one that ships.
+            instance: Number of the sensor instance; 0: the nominal one.
+            instances: Number of training instances over which the presses are spread; 0 or 1: all
+                presses are made on ``instance``. Everything else (``rest``, ``points``, bounds) is
+                that of the nominal sensor.
+            pin_length: Length of the pins, mm.
+            friction: Coulomb's coefficient between tips and skin; 0: moves drag nothing.
+            threads: Number of threads of ``press_many``; None: ``thread_count()``.
+            **optical: Parameters of ``optics_from``; the others are the preset's.
+
+        Raises:
+            UserError: Two of ``table``, ``instance`` and ``instances`` are given.
+        """
+        given = {"table": table, "instance": instance, "instances": instances > 1 and instances}
+        chosen = [f"sensor.{name}={value}" for name, value in given.items() if value]
+        if len(chosen) > 1:
+            raise UserError(
+                f"{' and '.join(chosen)} name different sensors; give one of them. Test on another "
+                "instance with --test sensor.instance=N."
+            )
+        self._tables = dome_tables(read_file(Path(table))) if table else shipped_dome()
+        self.instance, self.pin_length = instance, pin_length
+        self.optics = optics_from(self.preset, optical)
+        lost = np.zeros(self.pins, dtype=np.bool_)
+        if instance or self.optics.pin_loss:
+            from tactibench_sim.instances import (  # the nominal sensor needs none
+                instance_mechanics,
+                instance_tables,
+                lost_pins,
+                perturb,
+            )
+
+            self._tables = instance_tables(self._tables, instance)
+            lost = lost_pins(self.pins, self.optics.pin_loss, instance)
+            self.optics, self.pin_length = perturb(self.optics, pin_length, instance)
+        if instance:
+            mechanics = instance_mechanics(tier, self._tables)
+        else:  # a user's table has no tips but its own
+            mechanics = TableMechanics(self._tables, tier, other_tips=not table)
+        # Any: either of the two takes the loads that it has made itself.
+        self.mechanics: Any = FrictionMechanics(mechanics, friction) if friction else mechanics
+        self.friction, self.lost = friction, lost
+        self.directions = layout(self.pins)[~lost]
+        still = np.zeros(self.directions.shape)
+        resting = tips_of_pins(mechanics.inner, self.directions, (still, still), self.pin_length)
+        lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
+        super().__init__(context, Renderer(self.optics, lift), resting, threads)
+        self.instances: TrainingInstances | None = None
+        if instances > 1:
+            from tactibench_sim.instances import TrainingInstances
+
+            parameters = {"tier": tier, "pin_length": pin_length, "friction": friction, **optical}
+            make = partial(type(self), context, threads=1, **parameters)
+            self.instances = TrainingInstances(make, context.seed, instances)
+
+    def _images(self, scenes: Sequence[Scene], first: int) -> Images:
+        if self.instances is None:
+            return super()._images(scenes, first)
+        return self.instances.images(scenes, first, streams(self._seed, first, len(scenes)))
+
+    def _rest_of(self, number: int) -> Images:
+        return self._rest if self.instances is None else self.instances.rest_of(number)
+
+    def places(self, tips: Tips) -> Array:
+        """Return (S, P, 3) pin tips from the dome's centre, mm."""
+        loads = self.mechanics.loads(tips)
+        tips_mm: Array = self.mechanics.pin_tips(loads, self.directions, self.pin_length)
+        return tips_mm
+
+    def surface(self, scene: Scene, grid: Grid) -> Array:
+        """Return the (H, W) inward displacement of the outer skin, mm; zero beside the dome."""
+        x, y = (axis.ravel() for axis in np.meshgrid(*grid.axes()))
+        square = x**2 + y**2
+        above = square < DOME_RADIUS_MM**2
+        z = np.sqrt(DOME_RADIUS_MM**2 - square[above])
+        directions = np.stack([x[above], y[above], z], axis=1) / DOME_RADIUS_MM
+        out = np.zeros(len(x))
+        out[above] = self.mechanics.skin(self.mechanics.loads(tips_of([scene])), directions)[0]
+        return out.reshape(grid.shape)
+
+    def error_bounds(self, scenes: Sequence[Scene]) -> Array:
+        """Return (S,) mm, how far a pin base may be from finite elements; inf: not measured."""
+        from tactibench_sim.error_bounds import scene_bounds  # runs ask once, after the frames
+
+        if self.instances is not None:  # measured on the nominal dome alone
+            return np.full(len(scenes), np.inf)
+        bounds = scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
+        bounds[self._dragged(scenes) & (bounds > 0)] = np.inf  # measured without drag
+        return bounds
+
+    def _dragged(self, scenes: Sequence[Scene]) -> npt.NDArray[np.bool_]:
+        return np.array([bool(self.friction) and scene.pose.moved for scene in scenes])
+
+    def terms(self, scenes: Sequence[Scene]) -> dict[str, int]:
+        """Return the terms of the field and the number of scenes that need each."""
+        from tactibench_sim.error_bounds import term_counts
+
+        tips = tips_of(scenes)
+        counts = term_counts(self.mechanics.tier, tips)
+        drag = int((self._dragged(scenes) & (tips.depth > 0).any(axis=1)).sum())
+        return {**counts, "drag": drag} if drag else counts
+
+    def forces(self, scene: Scene) -> Array:
+        """Return the (K,) normal forces of the contacts, E_skin mm^2."""
+        tips = tips_of([scene])
+        touching: Array = self.mechanics.forces(self.mechanics.loads(tips))[0, tips.depth[0] > 0]
+        return touching
+
+    def describe(self) -> dict[str, Any]:
+        """Return everything that determines the frames, except the seed."""
+        return {
+            "sensor": f"tactip-{self.pins}",
+            "plugin": f"tactibench_sim {__version__}",
+            "tier": self.mechanics.tier,
+            "instance": self.instance,
+            "pins": self.pins,
+            "lost_pins": np.flatnonzero(self.lost).tolist(),
+            "pin_length_mm": self.pin_length,
+            "optics": self.optics.describe(),
+            "dome_radius_mm": DOME_RADIUS_MM,
+            "tables": {**self._tables.parameters, "sha256": self._tables.digest},
+            "frames_per_second": FRAMES_PER_SECOND,
+            **({"friction": self.friction} if self.friction else {}),
+            **({} if self.instances is None else {"instances": self.instances.describe()}),
+        }
+
+
+class TacTip127(SimulatedTacTip):
+    """The simulated TacTip with 127 pins in a hexagon."""
+
+    pins = 127
+    preset = TACTIP_127
+
+
+class TacTip331(SimulatedTacTip):
+    """The simulated TacTip with 331 pins in ten rings."""
+
+    pins = 331
+    preset = TACTIP_331

@@ -1,0 +1,125 @@
+"""The simulated TacTip: what a press changes, instances, lost pins, refusals, surface, tables."""
+
+import numpy as np
+import pytest
+from fem_script import write_tables
+
+from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
+from tactibench_sim import TacTip127, shipped_dome, shipped_file
+
+GRID = Grid.centred(64, 0.4)
+
+
+def sensor(seed=7, **parameters):
+    return TacTip127(SensorContext(np.random.SeedSequence(seed)), **{"threads": 1} | parameters)
+
+
+def single(x=0.0, y=0.0, depth=0.0, **move):
+    return Scene(Indenter.single(), Pose(x, y, 0.0, 0.0, depth, **move))
+
+
+def test_a_press_changes_the_frame_where_it_is():
+    one = sensor(noise=False)
+    rest = one.rest().image.astype(float)
+    away = np.abs(one.press(single(x=5.0, depth=2.0)).image - rest)
+    assert away[:, 64:].sum() > 1.5 * away[:, :64].sum()
+    down = np.abs(one.press(single(y=5.0, depth=2.0)).image - rest)
+    assert down[64:].sum() > 1.5 * down[:64].sum()
+
+
+def test_lost_pins_are_not_seen():
+    whole, lossy = sensor(noise=False), sensor(noise=False, pin_loss=0.2)
+    assert len(lossy.directions) == 127 - 25
+    assert len(lossy.describe()["lost_pins"]) == 25
+    missing = whole.rest().image.astype(int) - lossy.rest().image
+    assert missing.min() >= 0
+    assert missing.max() > 100
+
+
+def test_wrong_optics_are_refused():
+    with pytest.raises(UserError, match="until air is left"):
+        sensor(camera_distance=20.0)
+    with pytest.raises(UserError, match="not in the gel"):
+        sensor(gel_length=10.0)
+    with pytest.raises(UserError, match="not below the tips"):
+        sensor(background=210.0)
+    with pytest.raises(UserError, match="must be a finite number"):
+        sensor(focal=float("nan"))
+    with pytest.raises(TypeError, match="nonsense"):
+        sensor(nonsense=1)
+
+
+@pytest.mark.parametrize(
+    ("scene", "named"),
+    [
+        (Scene(Indenter.single(0.5), Pose(depth=0.3)), "radius is 0.5 mm"),
+        (single(depth=6.6), "tables end at 6.5 mm"),
+        (single(x=20.0, depth=1), "beyond 55 deg"),
+    ],
+)
+def test_scenes_without_a_table_are_refused(scene, named):
+    for call in (sensor().press, sensor().bound, lambda s: sensor().surface(s, GRID)):
+        with pytest.raises(UserError, match=named) as caught:
+            call(scene)
+        assert str(caught.value).endswith(".")
+    with pytest.raises(UserError, match=r"radius is 0\.5 mm.*tables for: 3 mm, plate"):
+        sensor(instance=1).press(Scene(Indenter.single(0.5), Pose(depth=0.3)))
+
+
+def test_surface_is_deepest_under_the_tip():
+    one = sensor()
+    surface = one.surface(single(3.0, -2.0, 2.0), GRID)
+    row, column = np.unravel_index(surface.argmax(), surface.shape)
+    touch = 20 / 21  # the first touch lies nearer the apex than the tip's axis
+    assert GRID.xy(row, column) == pytest.approx([3.0 * touch, -2.0 * touch], abs=0.35)
+    assert surface.max() == pytest.approx(1.97, abs=0.05)
+    assert surface.min() < 0  # the bulge
+    assert one.surface(single(3.0, -2.0, 2.0), Grid.centred(64, 1.0))[0, 0] == 0
+
+
+def test_a_table_of_ones_own(tmp_path):
+    mine = tmp_path / "dome.npz"
+    arrays = dict(shipped_file("dome.npz").arrays)
+    arrays["sphere3_w"] = arrays["sphere3_w"] * 0.5
+    write_tables(mine, arrays, shipped_dome().parameters)
+    one, other = sensor(), sensor(table=str(mine))
+    assert (one.press(single(depth=3)).image != other.press(single(depth=3)).image).any()
+    assert one.describe() != other.describe()
+    for name in (tmp_path / "missing.npz", tmp_path / "text.npz"):
+        (tmp_path / "text.npz").write_text("no archive")
+        with pytest.raises(UserError, match="cannot be read"):
+            sensor(table=str(name))
+    for more in ({"instance": 3}, {"instances": 2}):
+        with pytest.raises(UserError, match=r"sensor.table=.* and .*name different sensors"):
+            sensor(table=str(mine), **more)
+
+
+def test_a_table_of_one_radius(tmp_path):
+    """As scripts/fem makes it for one --radius: it has no plate."""
+    mine, arrays = tmp_path / "four.npz", {}
+    for name, array in shipped_file("dome.npz").arrays.items():
+        if name in ("delta", "polar") or name.startswith("sphere3"):
+            arrays[name.replace("sphere3", "sphere4")] = array
+    write_tables(mine, arrays, {"dome": shipped_dome().parameters["dome"]})
+    four = sensor(table=str(mine), friction=0.5)
+    assert (four.rest().image == sensor().rest().image).all()
+    assert four.points([Scene(Indenter.single(4.0), Pose(depth=3.0, dx=1.0))]).any()
+    for radius, depth, dx, said in (
+        (3.0, 2.0, 0.0, "tables for: 4 mm"),
+        (4.0, 5.0, 1.0, "tables of drag end at 4 mm"),
+    ):
+        with pytest.raises(UserError, match=said):
+            four.press(Scene(Indenter.single(radius), Pose(depth=depth, dx=dx)))
+
+
+def test_a_spoilt_or_pickled_table_is_refused(tmp_path):
+    path = tmp_path / "spoilt.npz"
+    write_tables(path, {"delta": np.arange(3.0)}, {})
+    whole = path.read_bytes()
+    for content in (whole[: len(whole) // 2], whole[:80] + bytes(40) + whole[120:], b""):
+        path.write_bytes(content)
+        with pytest.raises(UserError, match="cannot be read"):
+            sensor(table=str(path))
+    np.savez(path, more=np.array([{}], dtype=object), parameters="{}", sha256="")
+    with pytest.raises(UserError, match=r"cannot be read \(ValueError\)"):
+        sensor(table=str(path))
