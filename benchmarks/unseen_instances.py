@@ -29,7 +29,7 @@ import numpy as np
 from rich.console import Console
 
 from tactibench.metrics import Trials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 from tactibench.plugins import PluginHost
 from tactibench.protocols import load_protocol
 from tactibench.records import RECORD, StoredRun, cache_folder, open_run

@@ -8,8 +8,7 @@ import numpy as np
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.groups import Mask, by_kind, mean_metric, members
-from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.spec import Mask, MetricSpec, Rows, Sample, by_kind, mean_metric, members
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
 from tactibench.protocols import UNTOUCHED, Axis, family_of
 from tactibench.stats import (

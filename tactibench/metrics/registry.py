@@ -1,41 +1,38 @@
-"""Every metric by name; the module of a metric is imported when the metric is asked for."""
+"""Metrics by name: their rows, and their values press by press.
+
+The module of a metric is imported when the metric is asked for.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from importlib import import_module
 from types import MappingProxyType
 
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import FloatArray
 from tactibench.errors import UserError, did_you_mean
-from tactibench.metrics.spec import MetricSpec
+from tactibench.metrics.spec import Mask, MetricSpec, Rows, Sample, members
+from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.protocols import LoadedProtocol
+from tactibench.records import Metric
+from tactibench.stats import Estimate
 
 _FAMILIES = {
-    "location": ("r2", "mae_mm", "rmse_mm", "rmse_pooled_mm", "rmse_over_bound"),
     "position": (
+        "r2",
+        "mae_mm",
+        "rmse_mm",
+        "rmse_pooled_mm",
+        "rmse_over_bound",
         "position_mean_mm",
         "position_ungated_mm",
         "depth_mae_mm",
         "relative_depth_mae_mm",
-    ),
-    "separation": (
-        "distance_mae_mm",
-        "distance_penalised_mm",
-        "resolved",
-        "orientation_mae_deg",
-    ),
-    "threshold": (
-        "threshold_mm",
-        "threshold_lapse",
-        "threshold_deviance",
-        "threshold_freedom",
-        "threshold_p",
-        "limit_mm",
-    ),
-    "detection": ("missed", "spurious", "catch_resolved", "d_prime"),
-    "gospa": ("gospa1_mm", "gospa2_mm"),
-    "surface": ("surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"),
-    "plate": (
         "tilt_mae_deg",
         "coverage",
         "depth_mae_minus_published_mm",
@@ -43,6 +40,20 @@ _FAMILIES = {
         "tilt_mae_minus_published_deg",
         "tilt_mae_minus_published_p",
     ),
+    "threshold": (
+        "distance_mae_mm",
+        "distance_penalised_mm",
+        "resolved",
+        "orientation_mae_deg",
+        "threshold_mm",
+        "threshold_lapse",
+        "threshold_deviance",
+        "threshold_freedom",
+        "threshold_p",
+        "limit_mm",
+    ),
+    "detection": ("missed", "spurious", "catch_resolved", "d_prime", "gospa1_mm", "gospa2_mm"),
+    "surface": ("surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"),
     "uncertainty": (
         "nll",
         "rms_z",
@@ -107,3 +118,141 @@ def check_metrics(protocol: LoadedProtocol) -> None:
             f"protocol file {protocol.path}: key {key!r} holds {name!r}, which is no "
             f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
         )
+
+
+def score(
+    names: Sequence[str], trials: Trials | PlateTrials, *, rng: np.random.Generator
+) -> list[Metric]:
+    """Compute metrics in the order of their names, each with its groups in the table's order.
+
+    Every metric gets its own random numbers from one draw of ``rng`` and its name, so an interval
+    does not depend on which other metrics were requested.
+
+    Args:
+        names: Names of the metrics.
+        trials: Test frames.
+        rng: Random numbers of the bootstraps and permutations.
+
+    Raises:
+        UserError: A metric is unknown or does not apply to answers of this kind.
+    """
+    specs = [find_metric(name) for name in names]
+    seed = int(rng.integers(2**63))
+    rows = []
+    for spec in specs:
+        random = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
+        rows += [_metric(spec, group, estimate) for group, estimate in _rows(spec, trials, random)]
+    return rows
+
+
+def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
+    """Return a row of the record; it has ``censored`` and ``method`` only where they apply."""
+    values = {
+        "metric": spec.name,
+        "group": group,
+        **asdict(estimate),
+        "unit": spec.unit,
+        "better": spec.better,
+    }
+    for name in ("censored", "method"):
+        if values[name] is None:
+            del values[name]
+    return Metric.model_validate(values)
+
+
+def _rows(spec: MetricSpec, trials: Trials | PlateTrials, rng: np.random.Generator) -> Rows:
+    if isinstance(trials, PlateTrials):
+        if spec.plates is not None:
+            return spec.plates(trials, rng)
+        fitting = [name for name, other in all_metrics().items() if other.plates]
+        kind = "plate poses"
+    else:
+        if spec.contacts is not None:
+            return spec.contacts(trials, rng)
+        fitting = [name for name, other in all_metrics().items() if other.contacts]
+        kind = "contacts"
+    raise UserError(
+        f"metric {spec.name!r} does not apply to answers that are {kind}: "
+        f"the protocol may ask for {', '.join(sorted(fitting))}."
+    )
+
+
+def press_means(
+    name: str, trials: Trials | PlateTrials, groups: Sequence[str] = ("all",)
+) -> FloatArray:
+    """Return the means of a metric's values, (P, groups), NaN where a press has none in a group.
+
+    Args:
+        name: Name of the metric.
+        trials: Test frames, of which ``np.unique(trials.press)`` are the P presses.
+        groups: Names of groups of trials.
+
+    Raises:
+        UserError: The metric is no mean over presses of trials of this kind.
+    """
+    columns = []
+    for group in groups:
+        sums, counts = _press_sums(name, trials, group)
+        columns.append(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
+    return np.stack(columns, axis=1)
+
+
+def press_shares(name: str, trials: Trials | PlateTrials, group: str = "all") -> FloatArray:
+    """Return what each press has of a metric: (P,) values with the metric as their mean.
+
+    It is the sum of a press's values over the mean number of values of a press, and so the mean of
+    the press where all have the same number. NaN where a press has no value.
+
+    Args:
+        name: Name of the metric.
+        trials: Test frames, of which ``np.unique(trials.press)`` are the P presses.
+        group: Name of a group of trials.
+
+    Raises:
+        UserError: The metric is no mean over presses of trials of this kind.
+    """
+    sums, counts = _press_sums(name, trials, group)
+    number = counts.sum() / max(np.count_nonzero(counts), 1)
+    shares = np.full(len(sums), np.nan)
+    np.divide(sums, number, out=shares, where=counts > 0)
+    return shares
+
+
+def _press_sums(
+    name: str, trials: Trials | PlateTrials, group: str
+) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return the sum of a metric's values, and their number, of every press."""
+    sample = _sample(name, trials)
+    unique, codes = np.unique(trials.press, return_inverse=True)
+    inside = _members(trials, group)[sample.trial]
+    press = codes[sample.trial[inside]]
+    sums: FloatArray = np.bincount(press, sample.values[inside], len(unique)).astype(np.float64)
+    return sums, np.bincount(press, minlength=len(unique))
+
+
+def compared_metrics(trials: Trials | PlateTrials, names: Iterable[str]) -> list[str]:
+    """Return the metrics that are means over presses and can be compared press by press."""
+    plates = isinstance(trials, PlateTrials)
+    specs = map(find_metric, names)
+    return [s.name for s in specs if (s.plate_sample if plates else s.sample) and not s.root]
+
+
+def _members(trials: Trials | PlateTrials, group: str) -> Mask:
+    if not isinstance(trials, PlateTrials):
+        return members(trials, group)
+    everything = np.ones(len(trials), dtype=bool)
+    return everything if group == "all" else np.array(trials.group, dtype=object) == group
+
+
+def _sample(name: str, trials: Trials | PlateTrials) -> Sample:
+    spec = find_metric(name)
+    if isinstance(trials, PlateTrials):
+        if spec.plate_sample is not None:
+            return spec.plate_sample(trials)
+    elif spec.sample is not None:
+        return spec.sample(trials)
+    able = sorted(n for n, s in all_metrics().items() if s.sample or s.plate_sample)
+    raise UserError(
+        f"metric {name!r} is no mean over presses and cannot be compared press by press: "
+        f"choose one of {', '.join(able)}."
+    )

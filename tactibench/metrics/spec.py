@@ -1,15 +1,25 @@
-"""A metric as a record: its name, unit, direction, formula, and the functions behind it."""
+"""A metric as a record, and its rows: one summary of every group of trials.
+
+A group named by a number is a *condition* (a true distance, mm): only metrics of separation are
+shown for each condition. The other groups (dual, triple) are *kinds*: metrics of contacts are shown
+for each kind. Both lists end with "all". Catch trials are neither a condition nor a kind, and are
+not in "all". Frames in which nothing presses under a fault ("untouched:dim") are kinds, but not in
+"all": they test for false contacts alone, which would count little in a mean with all others.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
-from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.stats import Estimate, IntArray
+from tactibench.metrics.trials import CATCH, PlateTrials, Trials
+from tactibench.protocols import UNTOUCHED, family_of
+from tactibench.stats import Estimate, IntArray, Labels
 
 Rows = Iterable[tuple[str, Estimate]]
 """(group, estimate) pairs in the order of the table."""
@@ -61,3 +71,110 @@ class MetricSpec:
     sample: Callable[[Trials], Sample] | None = None
     plate_sample: Callable[[PlateTrials], Sample] | None = None
     root: bool = False
+
+
+Mask = npt.NDArray[np.bool_]
+Groups = Mapping[str, Mask]
+Summary = Callable[..., Estimate]
+"""``summary(values, clusters, level=...)``, one of `tactibench.stats.intervals`."""
+
+
+def condition(name: str) -> float | None:
+    """Return the number that is the name of a group; None where the name is no finite number."""
+    try:
+        number = float(name)
+    except ValueError:
+        return None
+    return number if np.isfinite(number) else None
+
+
+def members(trials: Trials, name: str) -> Mask:
+    """Return (N,) whether each trial belongs to a group.
+
+    The group "all" has all trials but catch trials and frames in which nothing presses under a
+    fault.
+    """
+    if name == "all":
+        inside = [g != CATCH and family_of(g) != UNTOUCHED for g in trials.group]
+    else:
+        inside = [g == name for g in trials.group]
+    return np.array(inside, dtype=bool)
+
+
+def by_condition(trials: Trials) -> Groups:
+    """Return the members of each distance in ascending order, then those of "all"."""
+    names = {name: number for name in set(trials.group) if (number := condition(name)) is not None}
+    return {name: members(trials, name) for name in (*sorted(names, key=names.__getitem__), "all")}
+
+
+def by_kind(trials: Trials) -> Groups:
+    """Return the members of each kind in alphabetical order, then those of "all"."""
+    kinds = {g for g in trials.group if g not in {CATCH, "all"} and condition(g) is None}
+    return {name: members(trials, name) for name in (*sorted(kinds), "all")}
+
+
+def rows(sample: Sample, groups: Groups, summary: Summary, press: Labels, level: float) -> Rows:
+    """Yield one estimate per group, from the values of its trials.
+
+    Args:
+        sample: Values and the trial of each.
+        groups: Members of every group.
+        summary: Function that makes an estimate of values and their clusters.
+        press: (N,) press ids of the trials, the clusters.
+        level: Level of the intervals.
+    """
+    for name, member in groups.items():
+        inside = member[sample.trial]
+        clusters = press[sample.trial[inside]]
+        yield name, summary(sample.values[inside], clusters, level=level)
+
+
+def mean_metric(
+    name: str,
+    unit: str,
+    better: str,
+    formula: str,
+    sample: Callable[[Trials], Sample],
+    summary: Summary,
+    groups: Callable[[Trials], Groups],
+    **others: Any,
+) -> MetricSpec:
+    """Return the spec of a metric that is one summary of one sample, group by group.
+
+    Args:
+        name: Name of the metric.
+        unit: Unit of its values.
+        better: "lower", "higher" or "none".
+        formula: The formula in words and symbols, for the documentation.
+        sample: Function that returns the values of trials.
+        summary: Function that makes an estimate of values and their clusters.
+        groups: Function that returns the groups of trials, such as ``by_kind``.
+        **others: Other fields of ``MetricSpec``.
+    """
+    return MetricSpec(
+        name,
+        unit,
+        better,
+        formula,
+        contacts=lambda trials, _rng: rows(
+            sample(trials), groups(trials), summary, trials.press, trials.level
+        ),
+        sample=sample,
+        **others,
+    )
+
+
+def plate_rows(
+    sample: Callable[[PlateTrials], Sample], summary: Summary
+) -> Callable[[PlateTrials, np.random.Generator], Rows]:
+    """Return the function that yields the rows of a metric of plate poses.
+
+    There is one row for every group, in the order of the frames.
+    """
+
+    def make(trials: PlateTrials, _rng: np.random.Generator) -> Rows:
+        of = np.array(trials.group or ("all",) * len(trials), dtype=object)
+        groups = {name: of == name for name in dict.fromkeys(of)} or {"all": of == "all"}
+        return rows(sample(trials), groups, summary, trials.press, trials.level)
+
+    return make

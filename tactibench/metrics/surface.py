@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Contacts, FloatArray, Grid
-from tactibench.metrics.groups import by_kind, mean_metric
-from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.spec import MetricSpec, Rows, Sample, by_kind, mean_metric
 from tactibench.metrics.trials import Trials
 from tactibench.plugins import Encoder
 from tactibench.stats import Estimate, mean_interval, rms_interval

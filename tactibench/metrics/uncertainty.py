@@ -16,8 +16,7 @@ from scipy.spatial.distance import cdist
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.groups import by_kind, mean_metric, members
-from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.spec import MetricSpec, Rows, Sample, by_kind, mean_metric, members
 from tactibench.metrics.trials import Trials
 from tactibench.stats import (
     Estimate,

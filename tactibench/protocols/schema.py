@@ -219,8 +219,8 @@ class Test(Strict):
     cluster: Literal["press"]
     level: Share
     catch: Name | None = None
-    # The first versions of exp2 and fine have no such key and keep the logistic fit.
-    psychometric: Literal["logistic", "lapse"] = "logistic"
+    # The curve of a two-point threshold has a lapse rate.
+    psychometric: Literal["lapse"] = "lapse"
     apart: tuple[ApartTest, ...] = Field(default=(), strict=False)
 
 

@@ -58,7 +58,7 @@ def score_arrays(
         UserError: A metric does not apply to the answers.
     """
     from tactibench.metrics import PlateTrials
-    from tactibench.metrics.score import score
+    from tactibench.metrics.registry import score
 
     seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(SCORING_STREAM,))
     trials = trials_of(protocol, truth, predicted, maps)
@@ -128,7 +128,6 @@ def trials_of(
         level=protocol.test.level,
         axes=protocol.axes,
         failed=_failures(predicted),
-        psychometric=protocol.test.psychometric,
     )
     if apart is not None:
         return trials

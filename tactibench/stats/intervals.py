@@ -1,6 +1,6 @@
-"""Clustered intervals for means, ratios, root mean squares, shares and rates.
+"""Clustered intervals for means, ratios, root mean squares, shares, rates and medians.
 
-All are built on the cluster-robust variance of a ratio r = sum(a) / sum(b):
+All but that of the median are built on the cluster-robust variance of a ratio r = sum(a) / sum(b):
 
     var(r) = G / (G - 1) * sum_g (sum_{i in g} (a_i - r b_i))^2 / (sum b)^2
 
@@ -12,13 +12,14 @@ nothing about the spread between clusters: its interval is None.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit  # scipy.stats takes a second to import
-
-from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finite
 
 
 @dataclass(frozen=True)
@@ -224,3 +225,173 @@ def rate_interval(counts: npt.ArrayLike, clusters: Labels, *, level: float = 0.9
         high = -math.log((1 - level) / 2) / estimate.clusters
         return Estimate(0.0, 0.0, high, estimate.n, estimate.clusters)
     return estimate
+
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+Labels = npt.NDArray[Any]
+
+
+def finite(values: npt.ArrayLike, name: str) -> FloatArray:
+    """Return the values as float64.
+
+    Args:
+        values: Any shape.
+        name: Name of the values, for the error.
+
+    Raises:
+        ValueError: A value is not finite. The message counts such values.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    bad = int(array.size - np.isfinite(array).sum())
+    if bad:
+        raise ValueError(f"{name}: {bad} of {array.size} values are not finite")
+    return array
+
+
+def cluster_codes(labels: npt.ArrayLike, n: int) -> tuple[IntArray, int]:
+    """Return (n,) codes 0..G - 1 of the labels of n values, and the number of clusters G.
+
+    Raises:
+        ValueError: There is not one label for each value.
+    """
+    array = np.asarray(labels)
+    if array.shape != (n,):
+        raise ValueError(f"{n} values have cluster labels of shape {array.shape}")
+    unique, codes = np.unique(array, return_inverse=True)
+    return codes.reshape(-1), len(unique)
+
+
+def cluster_sums(values: FloatArray, codes: IntArray, count: int) -> FloatArray:
+    """Return the sums over each cluster, (G,) or (G, K), of (n,) or (n, K) values.
+
+    Args:
+        values: (n,) or (n, K).
+        codes: (n,) number of each value's cluster, 0..G - 1.
+        count: Number of clusters G.
+    """
+    if values.ndim == 1:
+        return np.bincount(codes, values, count).astype(np.float64)
+    return np.stack([np.bincount(codes, column, count) for column in values.T], axis=1)
+
+
+DOUBLE = 2.0
+"""A model counts as broken down where its error is this many times that of the easy case."""
+
+
+def mean_ratio(
+    values: npt.ArrayLike,
+    clusters: Labels,
+    reference: npt.ArrayLike,
+    reference_clusters: Labels,
+    *,
+    level: float = 0.95,
+) -> Estimate:
+    """Return r = mean(values) / mean(reference), both positive, with an interval on the log scale.
+
+    Linearised, log r - log rho ~ sum over clusters g of
+    u_g = sum_{i in g} (a_i - A) / (n_a A) - sum_{j in g} (b_j - B) / (n_b B),
+    so that a press that occurs in both counts once, as the pair that it is;
+    var = G / (G - 1) sum u_g^2, with the t quantile of G - 1 (Liang and Zeger 1986, delta method).
+    There is no value where the mean of the reference is 0, and no interval where either mean is 0.
+
+    Args:
+        values: (n,).
+        clusters: (n,) press ids.
+        reference: (m,) values of the reference.
+        reference_clusters: (m,) press ids.
+        level: Level of the interval.
+
+    Raises:
+        ValueError: A value is not finite, or there is not one label for each value.
+    """
+    a, b = finite(values, "values"), finite(reference, "reference")
+    if not len(a) or not len(b) or b.mean() == 0:
+        return Estimate(None, None, None, len(a), 0)
+    labels = np.concatenate([np.asarray(clusters), np.asarray(reference_clusters)])
+    codes, count = cluster_codes(labels, len(a) + len(b))
+    pressed = len(np.unique(np.asarray(clusters)))
+    ratio = float(a.mean() / b.mean())
+    if count < 2 or ratio == 0:
+        return Estimate(ratio, None, None, len(a), pressed)
+    parts = np.concatenate([a / a.mean() - 1, 1 - b / b.mean()])
+    parts /= np.repeat([len(a), len(b)], [len(a), len(b)])
+    sums = cluster_sums(parts, codes, count)
+    half = t_quantile(level, count) * math.sqrt(count / (count - 1) * float((sums**2).sum()))
+    if half > 700:  # exp would overflow: nothing is known
+        return Estimate(ratio, None, None, len(a), pressed)
+    return Estimate(ratio, ratio * math.exp(-half), ratio * math.exp(half), len(a), pressed)
+
+
+def crossing(
+    values: Sequence[float], ratios: Sequence[float | None], level: float = DOUBLE
+) -> float | None:
+    """Return the first value at which the polygon through (value, ratio) reaches a level.
+
+    Args:
+        values: From easy to hard, rising or falling.
+        ratios: Ratio at each value; None where it is unknown.
+        level: The level that is reached from below.
+
+    Returns:
+        The value; None where the level is not reached, or a ratio before it is unknown.
+    """
+    points = list(zip(values, ratios, strict=True))
+    for (x0, y0), (x1, y1) in pairwise(points):
+        if y0 is None or y1 is None:
+            return None
+        if y0 >= level:
+            return x0
+        if y1 >= level:
+            return x0 + (x1 - x0) * (level - y0) / (y1 - y0)
+    return None
+
+
+def doubling(easy: float, values: Sequence[float], ratios: Sequence[Estimate]) -> Estimate:
+    """Return the value at which the ratio to the easy case reaches 2.
+
+    The ratio is 1 at the easy case and linear between the values. The limits of the interval are
+    the values at which the upper and the lower ends of the ratios' intervals reach 2; a limit that
+    is not reached is None. When the ratio stays below 2, the value is censored at the hardest one:
+    ">" where values rise towards hard cases, "<" where they fall.
+
+    Args:
+        easy: Value of the easy case.
+        values: Values of the other cases, from easy to hard.
+        ratios: Ratio of the error at each of ``values`` to that of the easy case.
+    """
+    axis = (easy, *values)
+    n = min((ratio.n for ratio in ratios), default=0)
+    clusters = min((ratio.clusters for ratio in ratios), default=0)
+    if not ratios or any(ratio.value is None for ratio in ratios):
+        return Estimate(None, None, None, n, clusters)
+    middle = crossing(axis, [1.0, *(ratio.value for ratio in ratios)])
+    soon = crossing(axis, [1.0, *(ratio.high for ratio in ratios)])
+    late = crossing(axis, [1.0, *(ratio.low for ratio in ratios)])
+    rising = values[-1] > easy
+    low, high = (soon, late) if rising else (late, soon)
+    if middle is None:
+        return Estimate(axis[-1], low, high, n, clusters, ">" if rising else "<")
+    return Estimate(middle, low, high, n, clusters)
+
+
+def median_by_ranks(values: FloatArray, *, level: float = 0.95) -> Estimate:
+    """Return the median of (n,) independent values; inf stands for a value beyond all others.
+
+    The k-th smallest and the k-th largest are the limits, k the largest number for which a
+    binomial(n, 1/2) is below k with probability (1 - level) / 2 at most (Conover, Practical
+    Nonparametric Statistics, 1999, section 3.2). Both limits are None where k is 0, and a median or
+    limit that is inf is None.
+    """
+    from scipy.stats import binom  # takes a second to import
+
+    n = len(values)
+    if not n:
+        return Estimate.nothing()
+    ordered = np.sort(values)
+    k = int(binom.ppf((1 - level) / 2, n, 0.5))
+    ends = (float(ordered[k - 1]), float(ordered[n - k])) if k else (math.inf, math.inf)
+    middle, low, high = (
+        end if math.isfinite(end) else None for end in (float(np.median(ordered)), *ends)
+    )
+    return Estimate(middle, low, high, n, n)

@@ -19,7 +19,7 @@ from tactibench.board import (
 )
 from tactibench.board.grouping import rows_of
 from tactibench.contacts import Contacts
-from tactibench.metrics.gospa import gospa
+from tactibench.metrics.detection import gospa
 from tactibench.protocols import load_protocol
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records import pack, write_arrays

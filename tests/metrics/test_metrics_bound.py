@@ -9,7 +9,7 @@ import pytest
 
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 
 def trials(bound: Any) -> Trials:

@@ -5,7 +5,7 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 NAMES = ["position_mean_mm", "position_ungated_mm", "depth_mae_mm", "relative_depth_mae_mm"]
 

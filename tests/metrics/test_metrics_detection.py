@@ -7,7 +7,7 @@ import pytest
 
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials, sensitivity
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 from tactibench.stats import bca_interval
 
 z = NormalDist().inv_cdf

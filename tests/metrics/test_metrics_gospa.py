@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench.metrics.gospa import gospa
-from tactibench.metrics.score import score
+from tactibench.metrics.detection import gospa
+from tactibench.metrics.registry import score
 
 GATE = 3.0
 

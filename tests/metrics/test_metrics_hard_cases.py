@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tactibench import Contacts, UserError
 from tactibench.metrics import NOT_FINITE, RAISED, Trials, ospa
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 from tactibench.protocols import Axis, case, family_of
 from tactibench.records import Metric
 

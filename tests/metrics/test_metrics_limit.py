@@ -8,7 +8,7 @@ from scipy import stats
 
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 from tactibench.stats import median_by_ranks
 
 

@@ -7,7 +7,7 @@ from sklearn.metrics import mean_absolute_error, mean_squared_error, r2_score
 from tactibench import UserError
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 
 def values(names, trials):

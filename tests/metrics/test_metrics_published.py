@@ -8,7 +8,7 @@ from scipy import stats
 
 from tactibench import PlatePose
 from tactibench.metrics import PUBLISHED_NAMES, PlateTrials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 
 def plates(depth, tilt):

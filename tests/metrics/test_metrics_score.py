@@ -10,7 +10,7 @@ import pytest
 from tactibench import UserError
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.metrics import FAMILIES, PUBLISHED_NAMES, PlateTrials, Trials, all_metrics
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 AXES = ["x", "y", "z", "mean"]
 EXP1 = {

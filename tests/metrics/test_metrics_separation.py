@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tactibench import UserError
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 NAMES = ["distance_mae_mm", "distance_penalised_mm", "resolved", "orientation_mae_deg"]
 

@@ -5,7 +5,7 @@ import pytest
 
 from tactibench.contacts import Contacts, Grid, PlatePose
 from tactibench.metrics import PlateTrials, Trials, surface_floor
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 PLATE = ["depth_mae_mm", "tilt_mae_deg", "coverage"]
 

@@ -12,7 +12,7 @@ from scipy import stats
 from tactibench import UserError
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials, gaussian_loss, in_ellipse, in_interval, over_bound, spacing
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 
 NAMES = ["nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95", "std_over_bound"]
 

@@ -11,7 +11,7 @@ import pytest
 
 from tactibench.contacts import Contacts
 from tactibench.metrics import Trials
-from tactibench.metrics.score import score
+from tactibench.metrics.registry import score
 from tactibench.stats import (
     bca_interval,
     cluster_codes,

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactibench.metrics.gospa import gospa
+from tactibench.metrics.detection import gospa
 from tactibench.protocols import load_protocol
 from tactibench.records import StoredRun, unpack_contacts
 from tactibench.report import RunArrays

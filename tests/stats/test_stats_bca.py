@@ -76,7 +76,7 @@ def test_the_clustered_interval_is_wider_than_that_of_frames():
 def test_blocks_do_not_change_the_jackknife(monkeypatch):
     y = np.random.default_rng(7).normal(size=50)
     whole = jackknife_values(mean_of(y), 50)
-    monkeypatch.setattr("tactibench.stats.bca.BLOCK", 160)
+    monkeypatch.setattr("tactibench.stats.bootstrap.BLOCK", 160)
     assert jackknife_values(mean_of(y), 50) == pytest.approx(whole)
     assert whole == pytest.approx([np.delete(y, i).mean() for i in range(50)])
     assert len(bootstrap_values(mean_of(y), 50, 101, np.random.default_rng(0))) == 101

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri  # scipy.stats takes a second to import
 
-from tactibench.stats.clusters import FloatArray, IntArray, cluster_sums, finite
+from tactibench.stats.intervals import FloatArray, IntArray, cluster_sums, finite
 
 Statistic = Callable[[FloatArray], FloatArray]
 
