@@ -16,8 +16,7 @@ from tactibench.board.submissions import (
     read_submissions,
     slot,
 )
-from tactibench.protocols import Ranking, version_of
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import Ranking, board_spec, version_of
 from tactibench.records import Record, StoredRun, canonical
 
 BOUND = "rmse_over_bound"

@@ -22,8 +22,7 @@ import numpy.typing as npt
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics import PlateTrials, Trials, press_shares
-from tactibench.protocols import Protocol
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import Protocol, board_spec
 from tactibench.run import FAILURE_COLUMNS as FAILURES
 from tactibench.run import LONGEST_CAUSE, trials_of
 

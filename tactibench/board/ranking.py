@@ -39,8 +39,7 @@ from tactibench.board.rows import Row, trained_on
 from tactibench.board.shipped import deterministic_models
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.protocols import Ranking, protocol_files
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import Ranking, board_spec, protocol_files
 from tactibench.stats import (
     adjust_pairs,
     crossed_interval,

@@ -40,10 +40,10 @@ from tactibench.board.submissions import (
 from tactibench.board.truth import Source, labelled_counts, make_test_set
 from tactibench.errors import UserError, describe_exception
 from tactibench.protocols import (
+    board_spec,
     recorded_seed,
     recorded_version,
 )
-from tactibench.protocols.board_spec import board_spec
 from tactibench.records import Metric, Record, arrays_hash, make_signature, parse_record
 from tactibench.run import HIDDEN, LIMIT, failures_record, score_arrays
 

@@ -1,25 +1,439 @@
-"""The schema of a protocol file. Unknown keys are errors."""
+"""The schema of a protocol file: keys, families of hard cases, and rules that keys obey together.
+
+Unknown keys are errors. A family of hard cases is a press, a fault or a sensor parameter, graded by
+one number.
+"""
 
 from __future__ import annotations
 
 import math
-from itertools import combinations
-from typing import Annotated, Literal, Self
+import typing
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from itertools import combinations, pairwise
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+    model_validator,
+)
 
 from tactibench.contacts import Grid
-from tactibench.protocols.families import (
-    Axis,
-    Cases,
-    Family,
-    Name,
-    Names,
-    Presses,
-    Stream,
-    Strict,
-)
-from tactibench.protocols.rules import contradictions
+from tactibench.errors import did_you_mean
+
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
+Names = Annotated[tuple[Name, ...], Field(strict=False)]
+Presses = Annotated[int, Field(ge=1, le=1_000_000)]
+Stream = Annotated[int, Field(ge=1, lt=1_000_000)]
+
+RECORDED = "recorded"
+"""Name of the one set of presses that a recorded folder holds."""
+FAMILIES = "families"
+"""Name of the one set of presses that a protocol of hard cases tests."""
+
+Press = Literal[
+    "nothing",
+    "anywhere",
+    "depth",
+    "tip-radius",
+    "sheared",
+    "off-axis",
+    "distance",
+    "equal-depths",
+    "symmetric",
+    "beside",
+    "ring",
+]
+"""The change that a value makes of the scene, see `tactibench.frames.hard_scenes`."""
+
+Fault = Literal[
+    "blur",
+    "noise",
+    "gain",
+    "glare",
+    "gain-drift",
+    "dead-rows",
+    "occlusion",
+    "lost-pins",
+    "spurious-blobs",
+    "shift",
+    "rotation",
+]
+"""The change that a value makes to a frame of the base family, see `tactibench.frames.faults`."""
+
+NEEDS: dict[str, frozenset[str]] = {
+    "nothing": frozenset({"radius_mm"}),
+    "anywhere": frozenset({"radius_mm"}),
+    "depth": frozenset({"radius_mm"}),
+    "tip-radius": frozenset({"depth_mm"}),
+    "sheared": frozenset({"radius_mm", "depth_mm"}),
+    "off-axis": frozenset({"radius_mm", "depth_mm"}),
+    "distance": frozenset({"radius_mm"}),
+    "equal-depths": frozenset({"radius_mm", "depth_mm"}),
+    "symmetric": frozenset({"radius_mm", "depth_mm"}),
+    "beside": frozenset({"radius_mm", "depth_mm", "apart_mm"}),
+    "ring": frozenset({"radius_mm", "depth_mm", "ring_mm"}),
+}
+"""Kind of press -> keys of the lengths that stay the same in all cases of a family."""
+
+
+UNTOUCHED = "untouched"
+"""Begins the names of groups of frames in which nothing presses, under a fault: "untouched:dim"."""
+
+
+def subgroup(whole: str, name: str) -> str:
+    """Return the group of a part of a family, or of a test that is scored apart."""
+    return f"{whole}:{name}"
+
+
+def untouched(family: str) -> str:
+    """Return the group of frames in which nothing presses, under the fault of a family."""
+    return subgroup(UNTOUCHED, family)
+
+
+def case(family: str, value: float) -> str:
+    """Return the group of one case: "grazing:0.05"."""
+    return subgroup(family, f"{value:g}")
+
+
+def family_of(group: str) -> str:
+    """Return the family of a case's group, or the test of a group that is scored apart."""
+    return group.partition(":")[0]
+
+
+class Strict(BaseModel):
+    """A table of a protocol file; frozen, nothing converted, no NaN and no infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A family of cases, from easy to hard.
+
+    Attributes:
+        family: Name of the family.
+        title: The family in words, with what the values are.
+        unit: Unit of the values.
+        harder: Direction in which values become harder: "rising", "falling", or "unordered".
+        easy: Value of the reference case; None where there is none.
+        values: Values of the graded cases, the easiest first.
+        reference: Group of the reference case, "" for none. It may belong to another family whose
+            frames this one changes.
+    """
+
+    family: str
+    title: str
+    unit: str
+    harder: str
+    easy: float | None
+    values: tuple[float, ...]
+    reference: str
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of the graded cases, the easiest first."""
+        return tuple(case(self.family, value) for value in self.values)
+
+    @property
+    def ordered(self) -> bool:
+        """True where there is a point on the axis at which an error doubles."""
+        return self.harder != "unordered" and self.easy is not None
+
+
+class Cases(Strict):
+    """The settings that all families share.
+
+    Attributes:
+        presses: Number of presses of every case.
+        base: Family whose frames the faults are done to. Its only case is the easy case of every
+            family of faults and of sensor parameters.
+        empty: Family in which nothing presses.
+        untouched: Families whose faults are done to the frames of ``empty``, too, one to a frame.
+    """
+
+    presses: Presses
+    base: Name
+    empty: Name | None = None
+    untouched: Names = ()
+
+
+class Family(Strict):
+    """One way in which a press becomes hard. Exactly one of press, fault, parameter is given.
+
+    Attributes:
+        name: Name of the family; groups of its cases are named ``name:value``.
+        title: The family in words, with what the values are.
+        unit: Unit of the values.
+        harder: Direction in which values become harder; "unordered": they have no order.
+        easy: Value of the reference case; None for a family without one.
+        values: A case each, from easy to hard.
+        stream: Random stream of the data seed.
+        press: The change that a value makes of the scene.
+        fault: The change that a value makes to a frame of the base family.
+        parameter: Parameter of the sensor, which presses the scenes of the base family with each
+            value.
+        sensor: Parameters of the sensor in all cases.
+        presses: Number of presses of every case; None: that of `Cases`.
+        radius_mm: Radius of the tips.
+        depth_mm: Range of the deepest tip's depth.
+        apart_mm: Distance of two tips.
+        ring_mm: Radius of the circle on which several tips stand.
+    """
+
+    name: Name
+    title: str
+    unit: str = ""
+    harder: Literal["rising", "falling", "unordered"]
+    easy: float | None = None
+    values: tuple[float, ...] = Field(min_length=1, strict=False)
+    stream: Stream
+    press: Press | None = None
+    fault: Fault | None = None
+    parameter: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] | None = None
+    sensor: dict[str, str] = Field(default_factory=dict)
+    presses: Presses | None = None
+    radius_mm: PositiveFloat | None = None
+    depth_mm: tuple[PositiveFloat, PositiveFloat] | None = Field(default=None, strict=False)
+    apart_mm: PositiveFloat | None = None
+    ring_mm: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        kinds = [kind for kind in ("press", "fault", "parameter") if getattr(self, kind)]
+        if len(kinds) != 1:
+            raise ValueError(f"family {self.name!r} needs exactly one of press, fault, parameter")
+        needed = NEEDS[self.press] if self.press else frozenset()
+        for key in ("radius_mm", "depth_mm", "apart_mm", "ring_mm"):
+            if (getattr(self, key) is not None) != (key in needed):
+                verb = "needs" if key in needed else "takes no"
+                change = self.press or self.fault or "parameter"
+                raise ValueError(f"family {self.name!r} of {change!r} {verb} {key}")
+        if not self.press and (self.sensor or self.presses):
+            raise ValueError(
+                f"family {self.name!r} takes the presses of the base family: leave sensor and "
+                "presses out"
+            )
+        if self.depth_mm is not None and self.depth_mm[0] > self.depth_mm[1]:
+            raise ValueError(f"family {self.name!r}: depth_mm must not fall")
+        return self
+
+    @model_validator(mode="after")
+    def _graded(self) -> Self:
+        if len({case(self.name, value) for value in self.values}) < len(self.values):
+            raise ValueError(f"family {self.name!r} holds a value twice")
+        if self.harder != "unordered":
+            if self.easy is None:
+                raise ValueError(f"family {self.name!r} is {self.harder}: it needs an easy value")
+            sign = 1 if self.harder == "rising" else -1
+            if any(sign * (b - a) <= 0 for a, b in pairwise((self.easy, *self.values))):
+                raise ValueError(
+                    f"family {self.name!r} gets harder {self.harder}: easy and values must be in "
+                    "that order"
+                )
+        elif self.easy in self.values:
+            raise ValueError(f"family {self.name!r} has its easy value among its values")
+        if self.press == "ring" and any(v != round(v) or v < 1 for v in self.pressed_values):
+            raise ValueError(f"family {self.name!r}: values are numbers of tips, 1 and more")
+        return self
+
+    @property
+    def pressed_values(self) -> tuple[float, ...]:
+        """Values of all cases that have frames of their own, the easy one first."""
+        presses_easy = self.press is not None and self.easy is not None
+        return (self.easy, *self.values) if presses_easy and self.easy is not None else self.values
+
+    def axis(self, base: Family) -> Axis:
+        """Return the axis of the family, whose groups are those of a record.
+
+        Args:
+            base: The family whose frames faults are done to.
+        """
+        reference = ""
+        if self.easy is not None:
+            reference = (
+                case(self.name, self.easy) if self.press else case(base.name, base.values[0])
+            )
+        return Axis(
+            self.name, self.title, self.unit, self.harder, self.easy, self.values, reference
+        )
+
+
+def contradictions(spec: Protocol) -> Iterator[str]:
+    """Yield the rules that a protocol breaks, most telling first."""
+    if (spec.split is None) == (spec.recorded is None):
+        yield "exactly one of [split] and [recorded] is needed"
+    yield from _repeated("draws", (draw.name for draw in spec.draws))
+    yield from _repeated("test.sets", spec.test.sets)
+    yield from _repeated("metrics.names", spec.metrics.names)
+    streams = Counter([*(d.stream for d in spec.draws), *(f.stream for f in spec.families)])
+    if streams and max(streams.values()) > 1:
+        kind = "draws or families" if spec.families else "draws"
+        yield f"two {kind} take the same stream: they would share presses"
+    yield from _about_families(spec)
+    yield from _about_apart(spec)
+    if spec.recorded is not None:
+        yield from _about_recorded(spec)
+    if spec.split is not None:
+        yield from _about_drawn(spec, spec.split)
+    yield from _about_transfer(spec)
+
+
+def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
+    for name, count in Counter(names).items():
+        if count > 1:
+            yield f"{key} holds {name!r} {count} times; it must hold it once"
+
+
+def _about_apart(spec: Protocol) -> Iterator[str]:
+    if spec.test.apart and (spec.split is None or spec.families):
+        yield "[[test.apart]] belongs to a protocol that draws its test presses"
+        return
+    yield from _repeated("test.apart", (apart_set.name for apart_set in spec.test.apart))
+    apart = [name for apart_set in spec.test.apart for name in apart_set.sets]
+    yield from _repeated("sets of test.apart", apart)
+    names = [draw.name for draw in spec.draws]
+    trained = [name for draws in spec.regimes.values() for name in draws]
+    for name in apart:
+        if name not in names:
+            yield f"no draw is named {name!r}; {_near(name, names)}"
+        elif name in spec.test.sets or name in trained or name == (spec.split and spec.split.draw):
+            yield f"draw {name!r} of [[test.apart]] is trained on or tested with the others, too"
+
+
+def _about_recorded(spec: Protocol) -> Iterator[str]:
+    if spec.draws:
+        yield "a protocol of recorded presses draws none: leave out either [recorded] or [[draws]]"
+    if any(spec.regimes.values()):
+        yield "a protocol of recorded presses has no draws to add to a regime: leave them empty"
+    if spec.test.sets != (RECORDED,) or spec.test.catch is not None:
+        yield f"a protocol of recorded presses tests sets = [{RECORDED!r}] and has no catch trials"
+    if spec.test.group != "all":
+        yield "a protocol of recorded presses has group = 'all'"
+
+
+def _about_transfer(spec: Protocol) -> Iterator[str]:
+    for name in ("plates", "transfer"):
+        if getattr(spec, name) is not None and (spec.recorded is None or spec.answer != "plate"):
+            yield f"[{name}] belongs to a protocol with [recorded] and answer = 'plate'"
+    if spec.transfer is None:
+        if spec.plates is not None:
+            yield "[plates] is what is trained on where [transfer] is tested: add [transfer]"
+        return
+    if spec.plates is not None and spec.plates.stream == spec.transfer.stream:
+        yield "[plates] and [transfer] take the same stream: they would share random numbers"
+    if spec.recorded is not None and spec.recorded.test_frames is not None:
+        yield "a protocol with [transfer] tests on folders of any kind: leave out test_frames"
+
+
+def _about_drawn(spec: Protocol, split: Split) -> Iterator[str]:
+    if spec.answer == "plate":
+        yield "answer = 'plate' needs [recorded]: no draw presses a plate"
+    names = [draw.name for draw in spec.draws]
+    trained = [name for draws in spec.regimes.values() for name in draws]
+    catch = [] if spec.test.catch is None else [spec.test.catch]
+    tested = () if spec.families else spec.test.sets
+    for name in (split.draw, *trained, *tested, *catch):
+        if name not in names:
+            yield f"no draw is named {name!r}; {_near(name, names)}"
+            return
+    for regime, draws in spec.regimes.items():
+        yield from _repeated(f"regimes.{regime}", draws)
+        if split.draw in draws:
+            yield (
+                f"regime {regime!r} must not name draw {split.draw!r}: the training share of the "
+                "split is always in it"
+            )
+    for name in trained:
+        if name in spec.test.sets:
+            yield f"draw {name!r} is both trained on and tested"
+    base = spec.draw(split.draw)
+    if base.count is None:
+        yield f"the split divides draw {base.name!r}, which must have a count"
+    elif split.test + split.validation >= base.count:
+        yield (
+            f"the split takes {split.test} test and {split.validation} validation presses of the "
+            f"{base.count} of draw {base.name!r}, which leaves none to train on"
+        )
+    if not spec.families:
+        yield from _about_test(spec, catch)
+    for draw in spec.draws:
+        if draw.span_mm > spec.workspace.diagonal_mm:
+            yield (
+                f"draw {draw.name!r} has tips {draw.span_mm} mm apart, but the workspace is "
+                f"{spec.workspace.diagonal_mm:.1f} mm across"
+            )
+
+
+def _about_families(spec: Protocol) -> Iterator[str]:
+    if not spec.families:
+        if spec.cases is not None:
+            yield "[cases] is about [[families]], but there are none: add some, or leave it out"
+        if spec.test.group == "case":
+            yield "test.group = 'case' needs [[families]]"
+        return
+    names = [family.name for family in spec.families]
+    yield from _repeated("families", names)
+    if spec.split is None:
+        yield "[[families]] are pressed by a sensor: a protocol with them needs [split]"
+    if spec.test.sets != (FAMILIES,) or spec.test.group != "case" or spec.test.catch is not None:
+        yield (
+            f"a protocol with [[families]] tests sets = [{FAMILIES!r}], has group = 'case' and no "
+            "catch trials"
+        )
+    if spec.cases is None:
+        yield "[[families]] need [cases], which says how many presses a case has"
+        return
+    base = next((family for family in spec.families if family.name == spec.cases.base), None)
+    if base is None:
+        yield f"cases.base: no family is named {spec.cases.base!r}; {_near(spec.cases.base, names)}"
+    elif base.press is None or len(base.pressed_values) != 1:
+        yield f"cases.base {base.name!r} must press scenes and have one value and no easy one"
+    elif base.sensor or (base.presses or spec.cases.presses) < spec.cases.presses:
+        yield (
+            f"cases.base {base.name!r} must be pressed by the sensor as it is, and as often as any "
+            "case: faults are done to its frames"
+        )
+    yield from _about_untouched(spec, spec.cases, names)
+
+
+def _about_untouched(spec: Protocol, cases: Cases, names: list[str]) -> Iterator[str]:
+    if (cases.empty is None) != (not cases.untouched):
+        yield "cases.empty and cases.untouched belong together"
+        return
+    yield from _repeated("cases.untouched", cases.untouched)
+    if UNTOUCHED in names:
+        yield f"no family may be named {UNTOUCHED!r}: groups of cases.untouched begin so"
+    for name in (*cases.untouched, *([] if cases.empty is None else [cases.empty])):
+        if name not in names:
+            yield f"[cases]: no family is named {name!r}; {_near(name, names)}"
+        elif name == cases.empty and spec.family(name).press != "nothing":
+            yield f"cases.empty {name!r} must press 'nothing'"
+        elif name != cases.empty and spec.family(name).fault is None:
+            yield f"cases.untouched names {name!r}, which is no family of a fault"
+
+
+def _near(name: str, names: list[str]) -> str:
+    return did_you_mean(name, names).rstrip(".")
+
+
+def _about_test(spec: Protocol, catch: list[str]) -> Iterator[str]:
+    for name in catch:
+        if name not in spec.test.sets:
+            yield f"test.catch {name!r} must be one of test.sets"
+        if spec.draw(name).indenter != "single":
+            yield f"test.catch {name!r} must be a draw of single presses"
+    if spec.test.group == "distance":
+        for name in spec.test.sets:
+            if name not in catch and spec.draw(name).indenter != "dual":
+                yield f"test.group = 'distance' needs dual presses, which draw {name!r} has not"
+
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
@@ -297,3 +711,81 @@ class Protocol(Strict):
         for sentence in contradictions(self):
             raise ValueError(sentence)
         return self
+
+
+LONGEST = 40
+"""Most characters of a wrong value that are shown."""
+
+_UNKNOWN = {"extra_forbidden", "unexpected_keyword_argument"}
+"""pydantic's types of mistake for a key that is not in the schema: of a model, of a dataclass."""
+
+
+def first_mistake(error: ValidationError, schema: type[Any]) -> str:
+    """Return the first mistake in a sentence: its key, the wrong value and what is allowed.
+
+    Args:
+        error: The exception that the validation raised.
+        schema: The pydantic model or the dataclass that the file was validated by.
+    """
+    mistakes: Sequence[Any] = error.errors(include_url=False)
+    # A misspelt key is also a missing one: the misspelling says more.
+    mistakes = sorted(mistakes, key=lambda mistake: mistake["type"] not in _UNKNOWN)
+    mistake = mistakes[0]
+    others = len(mistakes) - 1
+    more = f" (and {others} more mistake{'s' if others > 1 else ''})" if others else ""
+    where = _key(mistake["loc"])
+    if mistake["type"] in _UNKNOWN:
+        allowed = sibling_keys(schema, mistake["loc"][:-1])
+        return f"unknown key {where!r}{more}; {did_you_mean(str(mistake['loc'][-1]), allowed)}"
+    if mistake["type"] in {"missing", "missing_argument"}:
+        return f"the key {where!r} is missing{more}; add it."
+    text = str(mistake["msg"]).removeprefix("Value error, ").rstrip(".")
+    if mistake["type"] == "value_error":
+        return f"{f'[{where}] ' if where else ''}{text}{more}."
+    text = text[:1].lower() + text[1:]
+    if not where:
+        return f"{text}{more}; restore the file."
+    return f"key {where!r} is {_found(mistake['input'])}: {text}{more}."
+
+
+def _key(where: Sequence[int | str]) -> str:
+    """Return the key as ``draws.2.count``, counted from 1 as a reader counts."""
+    return ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in where)
+
+
+def _found(value: Any) -> str:
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number of more digits than Python writes
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
+def sibling_keys(schema: type[Any], where: Sequence[int | str]) -> list[str]:
+    """Return the names of the keys that are allowed at a place of the schema.
+
+    Args:
+        schema: The pydantic model or the dataclass.
+        where: Keys and list indices that lead to the place.
+    """
+    model: type[Any] | None = schema
+    for part in where:
+        if isinstance(part, int) or model is None:
+            continue
+        model = _model_in(_keys(model).get(str(part)))
+    return [] if model is None else list(_keys(model))
+
+
+def _keys(model: type[Any]) -> dict[str, Any]:
+    """Return key -> type of its value."""
+    if is_dataclass(model):
+        return {field.name: field.type for field in fields(model)}
+    return {field.alias or name: field.annotation for name, field in model.model_fields.items()}
+
+
+def _model_in(annotation: Any) -> type[Any] | None:
+    """Return the table behind ``Table``, ``Table | None`` or ``tuple[Table, ...]``."""
+    for candidate in (annotation, *typing.get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return candidate
+    return None

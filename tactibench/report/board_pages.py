@@ -45,11 +45,11 @@ from tactibench.errors import UserError
 from tactibench.protocols import (
     LoadedProtocol,
     PublishedTable,
+    board_spec,
     load_protocol,
     protocol_files,
     published_for,
 )
-from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import VARIABLE
 from tactibench.records import Record, atomic, canonical
 from tactibench.report.board_tables import (

@@ -13,8 +13,7 @@ from matplotlib.lines import Line2D
 
 from tactibench.board import KINDS, Frontier, Point, Range, Section, elsewhere_frontiers, settled
 from tactibench.board import NOMINAL as NOMINAL_KIND
-from tactibench.protocols import Ranking, load_protocol
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import Ranking, board_spec, load_protocol
 from tactibench.report.style import (
     GREY,
     Look,

@@ -28,11 +28,11 @@ from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols import (
     LoadedProtocol,
     PublishedTable,
+    board_spec,
     load_protocol,
     overview_spec,
     protocol_files,
 )
-from tactibench.protocols.board_spec import board_spec
 from tactibench.records import Record, StoredRun, stored_runs
 from tactibench.report.board_pages import READING, BoardPage, board_page, published_tables
 from tactibench.report.board_tables import overview_table

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from tactibench.board import Frontier, Row, Section, frontiers, machine
 from tactibench.errors import UserError
 from tactibench.metrics import Trials, gospa_per_frame
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import board_spec
 from tactibench.report.board_pages import PageSection, machine_words
 from tactibench.report.curve_plots import LEARNING, curve_figure, doubling_figure, stability_figure
 from tactibench.report.distance_plot import distance_figure, fitted_series, threshold_figure

@@ -29,10 +29,10 @@ from tactibench.protocols import (
     PublishedRow,
     PublishedTable,
     RunTable,
+    board_spec,
     family_of,
     rows_for,
 )
-from tactibench.protocols.board_spec import board_spec
 from tactibench.records import Metric, Record, SpeedRow
 from tactibench.report.board_tables import family_table
 from tactibench.report.labels import (

@@ -20,8 +20,7 @@ from tactibench.board import (
 from tactibench.board.grouping import rows_of
 from tactibench.contacts import Contacts
 from tactibench.metrics.detection import gospa
-from tactibench.protocols import load_protocol
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import board_spec, load_protocol
 from tactibench.records import pack, write_arrays
 
 SPEC = load_protocol("exp2").spec

@@ -6,7 +6,7 @@ import json
 import tomllib
 from pathlib import Path
 
-from tactibench.protocols.hidden_seed import VARIABLE
+from tactibench.protocols.loader import SEED_VARIABLE
 
 SECRET = "c0ffee" * 8
 
@@ -53,7 +53,7 @@ def test_verify_needs_a_folder_that_is_there(refused):
 
 
 def test_a_hash_is_published_before_the_runs_and_the_seed_after_them(cli, stored_run, monkeypatch):
-    monkeypatch.setenv(VARIABLE, SECRET)
+    monkeypatch.setenv(SEED_VARIABLE, SECRET)
     assert "was never published" in cli("board", "hidden", "exp1", "--reveal")[2]
     code, out, _ = cli("board", "hidden", "exp1")
     assert code == 0
@@ -62,10 +62,10 @@ def test_a_hash_is_published_before_the_runs_and_the_seed_after_them(cli, stored
     assert SECRET not in text + out
     assert "holds the hash of this seed already" in cli("board", "hidden", "exp1")[1]
     assert path.read_text() == text
-    monkeypatch.setenv(VARIABLE, SECRET[::-1])
+    monkeypatch.setenv(SEED_VARIABLE, SECRET[::-1])
     assert cli("board", "hidden", "exp1")[0] == 0  # a second seed is a second file
     assert path.read_text() == text
-    monkeypatch.setenv(VARIABLE, SECRET)
+    monkeypatch.setenv(SEED_VARIABLE, SECRET)
     assert "take a new seed" in cli("board", "hidden", "exp1", "--reveal")[1]
     revealed = tomllib.loads(path.read_text())
     assert revealed == {**tomllib.loads(text), "seed": SECRET}
@@ -74,16 +74,16 @@ def test_a_hash_is_published_before_the_runs_and_the_seed_after_them(cli, stored
 
 
 def test_hidden_mistakes(refused, stored_run, monkeypatch):
-    monkeypatch.delenv(VARIABLE, raising=False)
-    assert f"{VARIABLE}, which is not set" in refused("board", "hidden", "exp1")
-    assert f"{VARIABLE}, which is not set" in refused(
+    monkeypatch.delenv(SEED_VARIABLE, raising=False)
+    assert f"{SEED_VARIABLE}, which is not set" in refused("board", "hidden", "exp1")
+    assert f"{SEED_VARIABLE}, which is not set" in refused(
         "run", "exp1", "--model", "mean", "--hidden-seed"
     )
-    monkeypatch.setenv(VARIABLE, "1234")
+    monkeypatch.setenv(SEED_VARIABLE, "1234")
     sentence = refused("board", "hidden", "exp1")
     assert "has 4 characters and could be found by trying" in sentence
     assert "1234" not in sentence
-    monkeypatch.setenv(VARIABLE, SECRET)
+    monkeypatch.setenv(SEED_VARIABLE, SECRET)
     assert "takes recorded presses, which no seed draws" in refused("board", "hidden", "surface")
     assert "was published for exp1@2" in refused("run", "exp1", "--model", "mean", "--hidden-seed")
     assert "leave one of --hidden-seed and --test reference out" in refused(

@@ -32,8 +32,11 @@ EXPLAINED = {
     ("training/muon.py", "orthogonalise"): KEEPS + "a gradient of 0 stays 0",
     # metrics and intervals
     ("metrics/threshold.py", "_most_likely"): ROUNDING + "no value is changed",
-    ("stats/bca.py", "bca_interval"): "only where the other branch of np.where is taken",
-    ("stats/bca.py", "r_squared.statistic"): "an empty resample has a sum of 0 to divide; its "
+    ("stats/bootstrap.py", "bca_interval"): "only where the other branch of np.where is taken",
+    (
+        "stats/bootstrap.py",
+        "r_squared.statistic",
+    ): "an empty resample has a sum of 0 to divide; its "
     "0 / 0 stays NaN, which the interval counts as lost",
     # superposition
     ("superposition/neighbours.py", "_pair_of"): KEEPS + "two contacts in one place have no "

@@ -9,8 +9,13 @@ import pytest
 
 from tactibench import UserError
 from tactibench.metrics import FAMILIES, find_metric
-from tactibench.protocols import BoardSpec, protocol_files, read_board_spec, read_protocol
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import (
+    BoardSpec,
+    board_spec,
+    protocol_files,
+    read_board_spec,
+    read_protocol,
+)
 
 PROTOCOLS = sorted(protocol_files())
 TABLE = '[[blocks]]\ntitle = "Error"\ncolumns = [{}]\n'

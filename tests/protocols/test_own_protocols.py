@@ -11,8 +11,14 @@ from tactibench import Pose, Scene, UserError
 from tactibench.contacts import Indenter
 from tactibench.frames import could_be_drawn, describe_draw
 from tactibench.geometry import tip_positions
-from tactibench.protocols import draw_scenes, fits, load_protocol, protocol_files, protocol_titles
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import (
+    board_spec,
+    draw_scenes,
+    fits,
+    load_protocol,
+    protocol_files,
+    protocol_titles,
+)
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "protocols"
 EXP2 = protocol_files()["exp2"]

@@ -27,8 +27,7 @@ from tactibench.board import (
     trained_for,
 )
 from tactibench.metrics import FAMILIES
-from tactibench.protocols import load_protocol, load_published, protocol_files
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import board_spec, load_protocol, load_published, protocol_files
 from tactibench.report import board_csv, board_page, board_rows, page_files
 
 ROOT = Path(__file__).resolve().parents[2]

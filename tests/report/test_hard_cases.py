@@ -13,8 +13,7 @@ from rich.console import Console
 from tactibench.board import family_errors
 from tactibench.board.grouping import rows_of
 from tactibench.metrics import FAMILIES
-from tactibench.protocols import load_protocol
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import board_spec, load_protocol
 from tactibench.records import Cause, Failures, Metric, Record
 from tactibench.report import (
     board_page,

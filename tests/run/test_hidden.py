@@ -21,7 +21,7 @@ from tactibench.protocols import (
     recorded_seed,
 )
 from tactibench.protocols import hidden_seed as module
-from tactibench.protocols.hidden_seed import VARIABLE
+from tactibench.protocols.loader import SEED_VARIABLE
 from tactibench.records import StoredRun
 from tactibench.run import TestOptions
 
@@ -34,7 +34,7 @@ HIDDEN = TestOptions(hidden=True)
 @pytest.fixture
 def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> HiddenSeed:
     """The seed in the environment, its hash published."""
-    monkeypatch.setenv(VARIABLE, SECRET)
+    monkeypatch.setenv(SEED_VARIABLE, SECRET)
     monkeypatch.setattr(module, "shipped_folder", lambda _: tmp_path)
     protocol = load_protocol(mini("exp1"))
     seed = given_seed(protocol)
@@ -96,7 +96,7 @@ def test_another_seed_and_damaged_files_are_refused(
     with pytest.raises(UserError, match="is no TOML file"):
         committed_seed(protocol)
     path.write_text(text)
-    monkeypatch.setenv(VARIABLE, SECRET[::-1])
+    monkeypatch.setenv(SEED_VARIABLE, SECRET[::-1])
     with pytest.raises(UserError, match=r"no hash of the hidden seed .* was published") as told:
         committed_seed(protocol)
     assert SECRET[::-1] not in str(told.value)
@@ -107,13 +107,13 @@ def test_a_revealed_seed_scores_answers_again_and_tests_no_new_model(
     secret: str, committed: HiddenSeed, mini: Callable[[str], str], monkeypatch: Any
 ) -> None:
     protocol = load_protocol(mini("exp1"))
-    monkeypatch.setenv(VARIABLE, secret)
+    monkeypatch.setenv(SEED_VARIABLE, secret)
     seed = given_seed(protocol)
     path = commitment_file(protocol, seed.commitment)
     path.write_text(commitment_text(protocol, seed, reveal=True))
     with pytest.raises(UserError, match=r"was revealed in .*; take a new one"):
         committed_seed(protocol)
-    monkeypatch.delenv(VARIABLE)
+    monkeypatch.delenv(SEED_VARIABLE)
     assert recorded_seed(protocol, seed.commitment) == seed
     path.write_text(commitment_text(protocol, seed) + f'seed = "{SECRET[::-1]}"\n')
     with pytest.raises(UserError, match=f"in {path.name} is not the one with the hash"):

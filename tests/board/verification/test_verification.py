@@ -24,7 +24,7 @@ from tactibench.protocols import (
     given_seed,
     split_presses,
 )
-from tactibench.protocols.hidden_seed import VARIABLE
+from tactibench.protocols.loader import SEED_VARIABLE
 from tactibench.records import arrays_hash, read_arrays, unpack_contacts, write_arrays
 
 Submitted = Callable[..., Path]
@@ -275,7 +275,7 @@ def test_recorded_frames_need_their_folder(submitted, source) -> None:
 def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_revealed(
     submitted, source, mini, tmp_path, monkeypatch
 ) -> None:
-    monkeypatch.setenv(VARIABLE, "0123456789abcdef" * 4)
+    monkeypatch.setenv(SEED_VARIABLE, "0123456789abcdef" * 4)
     protocol = mini("exp1")
     seed = given_seed(protocol)
     folder = tmp_path / "hidden"
@@ -307,11 +307,11 @@ def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_reveale
     assert verify(path, source, folder=folder).frames == 20
     with pytest.raises(UserError, match="only runs on published ones are verified"):
         verify(path, source, folder=tmp_path)
-    monkeypatch.setenv(VARIABLE, "another seed that is long enough to be one")
-    with pytest.raises(UserError, match=f"in {VARIABLE} is not the one with the hash"):
+    monkeypatch.setenv(SEED_VARIABLE, "another seed that is long enough to be one")
+    with pytest.raises(UserError, match=f"in {SEED_VARIABLE} is not the one with the hash"):
         verify(path, source, folder=folder)
-    assert os.environ[VARIABLE] not in path.read_text()
-    monkeypatch.delenv(VARIABLE)
+    assert os.environ[SEED_VARIABLE] not in path.read_text()
+    monkeypatch.delenv(SEED_VARIABLE)
     with pytest.raises(UserError, match="is not revealed; only who has it can verify its runs"):
         verify(path, source, folder=folder)
     published.write_text(commitment_text(protocol, seed, reveal=True))
