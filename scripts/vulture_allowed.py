@@ -39,6 +39,7 @@ frame_size
 input_unchanged
 global_state
 nan_frame
+psychometric  # a key of protocol files, with one value
 pure
 rest_frame
 round_trip

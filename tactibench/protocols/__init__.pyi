@@ -46,6 +46,7 @@ from .loader import given_seed as given_seed
 from .loader import load_protocol as load_protocol
 from .loader import protocol_files as protocol_files
 from .loader import protocol_titles as protocol_titles
+from .loader import read_file as read_file
 from .loader import read_protocol as read_protocol
 from .loader import recorded_seed as recorded_seed
 from .loader import recorded_version as recorded_version
@@ -68,5 +69,6 @@ from .schema import Workspace as Workspace
 from .schema import case as case
 from .schema import family_of as family_of
 from .schema import first_mistake as first_mistake
+from .schema import parse_toml as parse_toml
 from .schema import subgroup as subgroup
 from .schema import untouched as untouched

@@ -10,17 +10,16 @@ those of a run's record, so that a published row stands beside a measured one.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import protocol_files
-from tactibench.protocols.schema import Protocol
+from tactibench.protocols.loader import protocol_files, read_file
+from tactibench.protocols.schema import Protocol, SchemaT, parse_toml
 from tactibench.shipped import shipped_folder
 
 SUFFIX = ".board.toml"
@@ -31,9 +30,6 @@ OVERVIEW = f"overview{SUFFIX}"
 
 Text = Annotated[str, Field(min_length=1)]
 Decimals = Annotated[int, Field(ge=0, le=9)]
-
-
-SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
 
 class _Frozen(BaseModel):
@@ -262,14 +258,7 @@ def _common_blocks() -> dict[str, Block]:
 
 
 def _read(path: Path, schema: type[SchemaT]) -> SchemaT:
-    try:
-        return schema.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        from tactibench.protocols.schema import first_mistake
-
-        raise UserError(f"board file {path}: {first_mistake(error, schema)}") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise UserError(f"board file {path} cannot be read: {error}.") from None
+    return parse_toml(read_file(path, "board file"), schema, f"board file {path}")
 
 
 class PublishedSpeed(_Frozen):
@@ -387,16 +376,7 @@ def _load(name: str, folder: Path, known: Sequence[str]) -> PublishedTable:
     if name not in known:
         raise UserError(f"{folder} holds no published table {name!r}; {did_you_mean(name, known)}")
     path = folder / f"{name}.toml"
-    try:
-        table = PublishedTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not a TOML file: {error}.") from None
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror}.") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise UserError(f"{path}, key {key}: {first['msg']} ({first['type']}).") from None
+    table = parse_toml(read_file(path, "published table"), PublishedTable, str(path))
     if table.name != name:
         raise UserError(f"{path}, key name: is {table.name!r}, but must be {name!r}, as the file.")
     return table

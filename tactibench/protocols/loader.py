@@ -191,21 +191,10 @@ def read_protocol(path: Path) -> LoadedProtocol:
         UserError: The file or its list of test frames cannot be read, the file is not TOML, or a
             key is wrong or missing.
     """
-    from pydantic import ValidationError
+    from tactibench.protocols.schema import Protocol, parse_toml
 
-    from tactibench.protocols.schema import Protocol
-
-    raw = _bytes(path)
-    try:
-        tables = tomllib.loads(raw.decode("utf-8"))
-    except (ValueError, RecursionError) as error:  # TOML's and Unicode's errors are ValueErrors
-        raise UserError(f"protocol file {path} is not valid TOML: {error}.") from None
-    try:
-        spec = Protocol.model_validate(tables)
-    except ValidationError as error:
-        from tactibench.protocols.schema import first_mistake
-
-        raise UserError(f"protocol file {path}: {first_mistake(error, Protocol)}") from None
+    raw = read_file(path, "protocol file")
+    spec = parse_toml(raw, Protocol, f"protocol file {path}")
     names = _test_frames(path, spec)
     digest = hashlib.sha256(raw.replace(b"\r\n", b"\n"))
     for name in names:
@@ -213,15 +202,24 @@ def read_protocol(path: Path) -> LoadedProtocol:
     return LoadedProtocol(spec, path, names, digest.hexdigest())
 
 
-def _bytes(path: Path) -> bytes:
+def read_file(path: Path, kind: str) -> bytes:
+    """Return the content of a file that a user names.
+
+    Args:
+        path: The file.
+        kind: Words for it in messages, such as "protocol file".
+
+    Raises:
+        UserError: It cannot be read.
+    """
     try:
         return path.read_bytes()
     except FileNotFoundError:
-        raise UserError(f"protocol file {path} does not exist; check the path.") from None
+        raise UserError(f"{kind} {path} does not exist; check the path.") from None
     except IsADirectoryError:
-        raise UserError(f"protocol file {path} is a folder; name the .toml file.") from None
+        raise UserError(f"{kind} {path} is a folder; name the .toml file.") from None
     except (OSError, ValueError) as error:
-        raise UserError(f"protocol file {path} cannot be read: {error}.") from None
+        raise UserError(f"{kind} {path} cannot be read: {error}.") from None
 
 
 def _test_frames(path: Path, spec: Protocol) -> tuple[str, ...]:

@@ -7,12 +7,13 @@ one number.
 from __future__ import annotations
 
 import math
+import tomllib
 import typing
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from itertools import combinations, pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -25,7 +26,9 @@ from pydantic import (
 )
 
 from tactibench.contacts import Grid
-from tactibench.errors import did_you_mean
+from tactibench.errors import UserError, did_you_mean
+
+SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
 Names = Annotated[tuple[Name, ...], Field(strict=False)]
@@ -718,6 +721,27 @@ LONGEST = 40
 
 _UNKNOWN = {"extra_forbidden", "unexpected_keyword_argument"}
 """pydantic's types of mistake for a key that is not in the schema: of a model, of a dataclass."""
+
+
+def parse_toml(content: bytes, schema: type[SchemaT], where: str) -> SchemaT:
+    """Return the content of a TOML file as a validated pydantic model.
+
+    Args:
+        content: Bytes of the file.
+        schema: The model.
+        where: Words for the file in messages, with its path.
+
+    Raises:
+        UserError: The file is not TOML, or a key is wrong or missing.
+    """
+    try:
+        tables = tomllib.loads(content.decode("utf-8"))
+    except (ValueError, RecursionError) as error:  # TOML's and Unicode's errors are ValueErrors
+        raise UserError(f"{where} is not valid TOML: {error}.") from None
+    try:
+        return schema.model_validate(tables)
+    except ValidationError as error:
+        raise UserError(f"{where}: {first_mistake(error, schema)}") from None
 
 
 def first_mistake(error: ValidationError, schema: type[Any]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -17,12 +16,11 @@ from pydantic import (
     StrictBool,
     StrictInt,
     StrictStr,
-    ValidationError,
 )
 
 from tactibench.errors import UserError
 from tactibench.plugins import PluginHost
-from tactibench.protocols import first_mistake, load_protocol
+from tactibench.protocols import load_protocol, parse_toml, read_file
 from tactibench.run import RunRequest, read_parameters, read_test_options
 
 AXES = ("protocol", "model", "regime", "encoder", "sensor", "seed")
@@ -132,22 +130,10 @@ def read_sweep(path: Path) -> SweepFile:
     Raises:
         UserError: The file cannot be read, or a key is wrong.
     """
-    try:
-        tables = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise UserError(
-            f"sweep file {path} cannot be read ({error.strerror}); check the path."
-        ) from None
-    except (ValueError, RecursionError) as error:  # TOML's and Unicode's errors are ValueErrors
-        raise UserError(f"sweep file {path} is not valid TOML: {error}.") from None
-    several = "sweep" in tables
-    try:
-        file = _File.model_validate(tables if several else {"sweep": [tables]})
-    except ValidationError as error:
-        mistake = first_mistake(error, _File)
-        text = mistake if several else mistake.replace("sweep.1.", "")
-        raise UserError(f"sweep file {path}: {text}") from None
-    return SweepFile(path, file.sweep)
+    content, where = read_file(path, "sweep file"), f"sweep file {path}"
+    if b"[[sweep]]" in content:
+        return SweepFile(path, parse_toml(content, _File, where).sweep)
+    return SweepFile(path, (parse_toml(content, SweepSpec, where),))
 
 
 def read_choice(text: str) -> PluginChoice:

@@ -70,7 +70,7 @@ def test_common_tables_follow_those_of_the_protocol(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[ranking", "cannot be read"),
+        ("[ranking", "is not valid TOML"),
         ("[rankings]", "unknown key 'rankings'; did you mean 'ranking'"),
         ('[ranking]\nmetric = "mae_mm"\n', "the key 'ranking.group' is missing"),
         ('common = ["bounds"]\n', "holds 'bounds'; did you mean 'bound'"),

@@ -200,16 +200,16 @@ def test_a_table_is_frozen(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("year = 2024", "", "key year"),
-        ("year = 2024", "yeer = 2024", "key y"),
-        ('title = "A paper"', 'title = "A paper"\nextra = 1', "key extra"),
-        ("x = 0.5", "x = nan", "key rows.0.metrics.mae_mm.x"),
-        ("x = 0.5", 'x = "half"', "key rows.0.metrics.mae_mm.x"),
-        ("{ x = 0.5 }", "{}", "key rows.0.metrics.mae_mm"),
-        ('comparable = "no"', 'comparable = "perhaps"', "key rows.0.comparable"),
-        ("schema_version = 1", "schema_version = 2", "key schema_version"),
+        ("year = 2024", "", "key 'year' is missing"),
+        ("year = 2024", "yeer = 2024", "unknown key 'yeer'"),
+        ('title = "A paper"', 'title = "A paper"\nextra = 1', "unknown key 'extra'"),
+        ("x = 0.5", "x = nan", "key 'rows.1.metrics.mae_mm.x' is"),
+        ("x = 0.5", 'x = "half"', "key 'rows.1.metrics.mae_mm.x' is"),
+        ("{ x = 0.5 }", "{}", "key 'rows.1.metrics.mae_mm' is"),
+        ('comparable = "no"', 'comparable = "perhaps"', "key 'rows.1.comparable' is"),
+        ("schema_version = 1", "schema_version = 2", "key 'schema_version' is 2"),
         ('name = "paper"', 'name = "other"', "key name"),
-        ("year = 2024", "year = = 2024", "not a TOML file"),
+        ("year = 2024", "year = = 2024", "is not valid TOML"),
     ],
 )
 def test_bad_tables_are_one_sentence(tmp_path, old, new, says):

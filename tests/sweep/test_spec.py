@@ -123,8 +123,8 @@ def test_mistakes(cells: Callable[[str], object], text: str, says: str) -> None:
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for name, says in (
-        ("none.toml", "No such file"),
-        (".", "Is a directory"),
+        ("none.toml", "does not exist"),
+        (".", "is a folder"),
         ("bytes.toml", "not valid TOML"),
     ):
         with pytest.raises(UserError, match=says):
