@@ -11,7 +11,6 @@ them::
 from __future__ import annotations
 
 from tactibench.testing.checks import (
-    check,
     conformance,
     expected_failures,
     properties,
@@ -38,7 +37,6 @@ __all__ = [
     "Property",
     "Report",
     "SensorSubject",
-    "check",
     "check_names",
     "conformance",
     "examine",

@@ -13,19 +13,21 @@ from tactibench.protocols import load_protocol
 from tactibench.testing import encoder as encoder_checks
 from tactibench.testing import model as model_checks
 from tactibench.testing import sensor as sensor_checks
-from tactibench.testing.presses import PROTOCOL, SensorPresses
 from tactibench.testing.runner import (
     EXPECTED,
     SKIPPED,
-    Finding,
     Property,
-    Report,
     check_names,
     examine,
     properties_of,
-    run_checks,
 )
-from tactibench.testing.subjects import EncoderSubject, ModelSubject, SensorSubject
+from tactibench.testing.subjects import (
+    PROTOCOL,
+    EncoderSubject,
+    ModelSubject,
+    SensorPresses,
+    SensorSubject,
+)
 
 EPOCHS = "15"
 """Epochs of a model under test that has such a parameter. With them the shipped models answer
@@ -153,33 +155,6 @@ def expected_failures(subject: Any, given: Mapping[str, str] | None = None) -> d
     except UserError:
         declared = {}
     return {**declared, **(given or {})}
-
-
-def check(
-    kind: str,
-    name: str,
-    *,
-    expected_failed_checks: Mapping[str, str] | None = None,
-    on_finding: Callable[[Finding], None] = lambda _: None,
-    **options: Any,
-) -> Report:
-    """Check all properties of one plugin.
-
-    Args:
-        kind: "model", "sensor" or "encoder".
-        name: Name of the plugin's model, sensor or encoder.
-        expected_failed_checks: Property -> reason why it is expected to fail. Those that the class
-            declares under that name are added.
-        on_finding: Function that is called with each finding.
-        options: Options of ``subject_of``.
-
-    Raises:
-        UserError: A name, parameter or option does not exist, they do not fit together, or an
-            expected failure names no property or has no reason.
-    """
-    subject = subject_of(kind, name, **options)
-    expected = expected_failures(subject, expected_failed_checks)
-    return run_checks(properties(kind), subject, expected, on_finding)
 
 
 def conformance(

@@ -9,7 +9,6 @@ import numpy as np
 from tactibench.contacts import Contacts, Grid
 from tactibench.errors import UserError, describe_exception
 from tactibench.plugins import Encoder
-from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
@@ -17,7 +16,7 @@ from tactibench.testing.runner import (
     must_work,
     require,
 )
-from tactibench.testing.subjects import EncoderSubject
+from tactibench.testing.subjects import EncoderSubject, check_parameters
 
 NUMBERS = ("channels", "separation", "tolerance")
 """Attributes of an encoder that must be numbers."""

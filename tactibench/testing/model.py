@@ -20,8 +20,6 @@ from tactibench.errors import UserError, describe_exception
 from tactibench.images import resized
 from tactibench.plugins import FitReport
 from tactibench.run import blinded
-from tactibench.testing.parameters import check_parameters
-from tactibench.testing.presses import changed_images, writable
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
@@ -29,7 +27,15 @@ from tactibench.testing.runner import (
     must_work,
     require,
 )
-from tactibench.testing.subjects import FIT, SEED, ModelSubject, difference
+from tactibench.testing.subjects import (
+    FIT,
+    SEED,
+    ModelSubject,
+    changed_images,
+    check_parameters,
+    difference,
+    writable,
+)
 
 BATCH = 8
 """Frames that are answered together."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -74,7 +73,6 @@ class Finding:
         outcome: PASSED, FAILED, SKIPPED, EXPECTED or UNEXPECTED.
         message: On failure what was seen; otherwise why the property was skipped or expected to
             fail, or "".
-        seconds: Duration of the check, s.
         raised: Whether the plugin raised where it must not, so that further properties would tell
             nothing more.
     """
@@ -82,7 +80,6 @@ class Finding:
     checked: Property
     outcome: str
     message: str
-    seconds: float
     raised: bool = False
 
     @property
@@ -201,38 +198,24 @@ def examine(checked: Property, subject: Any, expected: str | None = None) -> Fin
         subject: Argument of its function.
         expected: Reason why the property is expected to fail; None where it is not.
     """
-    start = time.perf_counter()
-    outcome, message, error = _outcome(checked, subject)
-    raised = error is not None and not isinstance(error, Failed)
-    if error is not None:
-        message = f"{message}{_place(error)}"
-    if expected is not None and outcome == FAILED:
-        outcome, message = EXPECTED, f"{expected} ({message})"
-    elif expected is not None and outcome == PASSED:
-        outcome = UNEXPECTED
-        message = f"it was expected to fail ({expected}), but holds: take it off the list"
-    return Finding(checked, outcome, message, time.perf_counter() - start, raised)
-
-
-def _outcome(checked: Property, subject: Any) -> tuple[str, str, BaseException | None]:
-    """Return outcome and message, and the exception of a failure."""
+    outcome, message, raised = PASSED, "", False
     try:
         call_plugin(lambda: checked.check(subject))
-    except PluginError as raised:
-        error = raised.__cause__
+    except PluginError as failure:
+        error = failure.__cause__
         if isinstance(error, NotApplicable):
-            return SKIPPED, str(error), None
-        if isinstance(error, Failed):
-            return FAILED, str(error), error
-        return FAILED, f"raised {raised}", error
-    return PASSED, "", None
-
-
-def _place(error: BaseException) -> str:
-    """Return the place where a plugin raised the exception of a failure; "" for no exception."""
-    cause = error.__cause__ if isinstance(error, Failed) else error
-    place = None if cause is None else Owners().place_of_error(cause)
-    return "" if place is None else f" in {place}"
+            return Finding(checked, SKIPPED, str(error))
+        raised = not isinstance(error, Failed)
+        outcome, message = FAILED, f"raised {failure}" if raised else str(error)
+        cause = error if raised or error is None else error.__cause__
+        place = None if cause is None else Owners().place_of_error(cause)
+        message += "" if place is None else f" in {place}"
+    if expected is not None and outcome == FAILED:
+        outcome, message = EXPECTED, f"{expected} ({message})"
+    elif expected is not None:
+        outcome = UNEXPECTED
+        message = f"it was expected to fail ({expected}), but holds: take it off the list"
+    return Finding(checked, outcome, message, raised)
 
 
 def run_checks(

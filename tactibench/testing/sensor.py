@@ -16,7 +16,6 @@ from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
 from tactibench.plugins import CHANNELS, IMAGE
-from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
@@ -24,7 +23,7 @@ from tactibench.testing.runner import (
     must_work,
     require,
 )
-from tactibench.testing.subjects import SensorSubject
+from tactibench.testing.subjects import SensorSubject, check_parameters
 
 ASIDE_MM = 3.0
 """Distance from the apex at which the direction of a contact is checked."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import ceil, floor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,9 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose, Scene
-from tactibench.errors import PluginError, UserError, call_plugin
+from tactibench.contacts import Answer, Contacts, Frame, Grid, Indenter, PlatePose, Pose, Scene
+from tactibench.errors import PluginError, UserError, call_plugin, describe_exception
 from tactibench.frames import spread
+from tactibench.geometry import plate_pose, true_contacts
 from tactibench.plugins import (
     IMAGE,
     Encoder,
@@ -23,6 +25,8 @@ from tactibench.plugins import (
     Model,
     ModelContext,
     ModelSpec,
+    Parameter,
+    PluginHost,
     Sensor,
     SensorContext,
     SensorSpec,
@@ -30,14 +34,134 @@ from tactibench.plugins import (
 )
 from tactibench.protocols import Protocol, draw_scenes, load_protocol, pressable
 from tactibench.run import NullProgress
-from tactibench.testing.presses import (
-    PROTOCOL,
-    Examples,
-    SensorPresses,
-    changed_images,
-    writable,
-)
-from tactibench.testing.runner import NotApplicable, require
+from tactibench.testing.runner import Failed, NotApplicable, must_refuse, require
+
+PROTOCOL = "exp1"
+"""Protocol whose workspace, grid, draws, default sensor and default encoder the checks use."""
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Frames of a sensor, and their truth.
+
+    Attributes:
+        frames: The frames as the sensor gives them.
+        truth: True answer to every frame.
+    """
+
+    frames: tuple[Frame, ...]
+    truth: tuple[Answer, ...]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, rows: slice) -> Examples:
+        return Examples(self.frames[rows], self.truth[rows])
+
+    def __add__(self, other: Examples) -> Examples:
+        return Examples(self.frames + other.frames, self.truth + other.truth)
+
+
+def writable(frame: Frame) -> Frame:
+    """Return a copy of a frame whose signals may be written to."""
+    rest = None if frame.rest is None else frame.rest.copy()
+    return replace(frame, signal=frame.signal.copy(), rest=rest)
+
+
+def changed_images(before: Sequence[Frame], after: Sequence[Frame]) -> str:
+    """Return words for the first images that differ between two lists of frames, "" for none."""
+    for first, second in zip(before, after, strict=True):
+        if first.signal.tobytes() != second.signal.tobytes():
+            return "the image of a frame"
+        rests = [frame.rest.tobytes() for frame in (first, second) if frame.rest is not None]
+        if len(set(rests)) > 1:
+            return "the rest image of a frame"
+    return ""
+
+
+@dataclass(frozen=True)
+class SensorPresses:
+    """Presses by one sensor.
+
+    Attributes:
+        protocol: The protocol whose presses are drawn, on the sensor's own surface.
+        name: Name of the sensor.
+        sensor: The sensor.
+    """
+
+    protocol: Protocol
+    name: str
+    sensor: Sensor
+
+    @classmethod
+    def by_name(cls, host: PluginHost, name: str = "") -> SensorPresses:
+        """Return the presses of a sensor with its default parameters.
+
+        Args:
+            host: The plugins.
+            name: Name of the sensor; "" for the protocol's default sensor.
+
+        Raises:
+            UserError: The sensor is unknown, or presses only recorded or reference scenes.
+        """
+        protocol = load_protocol(PROTOCOL).spec
+        spec = host.sensors[name or protocol.defaults.sensor]
+        if spec.needs_data or spec.reference_of:
+            raise UserError(
+                f"sensor {spec.name!r} presses only the scenes that it has, but the checks of a "
+                f"model draw their own; take another, such as {protocol.defaults.sensor!r}."
+            )
+        sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
+        return cls(pressable(protocol, sensor), spec.name, sensor)
+
+    def singles(self, count: int) -> Examples:
+        """Return presses of one spherical tip within the workspace."""
+        return self._press_tips(self._draw(0, count))
+
+    def several(self, count: int) -> Examples:
+        """Return presses of two and three tips in turn."""
+        duals, triples = self._draw(1, count), self._draw(2, count)
+        in_turn = [scene for pair in zip(duals, triples, strict=True) for scene in pair]
+        return self._press_tips(in_turn[:count])
+
+    def plates(self, count: int) -> Examples:
+        """Return presses of a plate that is tilted along x.
+
+        Raises:
+            UserError: The sensor cannot press a plate.
+        """
+        rng = np.random.default_rng(5)
+        tilts, depths = rng.uniform(-15, 15, count), rng.uniform(1, 4, count)
+        scenes = [
+            Scene(Indenter.plate(), Pose(tilt=float(tilt), depth=float(depth)))
+            for tilt, depth in zip(tilts, depths, strict=True)
+        ]
+        return Examples(self._press(scenes), tuple(map(plate_pose, scenes)))
+
+    def rest(self) -> Frame:
+        """Return a frame of the undeformed sensor."""
+        with self.sensor as opened:
+            return opened.rest()
+
+    def _draw(self, number: int, count: int) -> Sequence[Scene]:
+        """Return the first ``count`` presses of the draw of a number in the protocol."""
+        draws = list(self.protocol.draws)
+        draws[number] = draws[number].model_copy(update={"count": count})
+        shortened = self.protocol.model_copy(update={"draws": tuple(draws)})
+        return draw_scenes(shortened, draws[number].name).scenes
+
+    def _press_tips(self, scenes: Sequence[Scene]) -> Examples:
+        radius = self.protocol.workspace.dome_radius_mm
+        truth = tuple(true_contacts(scene, radius) for scene in scenes)
+        return Examples(self._press(scenes), truth)
+
+    def _press(self, scenes: Iterable[Scene]) -> tuple[Frame, ...]:
+        with self.sensor as opened:
+            frames = tuple(opened.press_many(scenes))
+        for frame in frames:
+            frame.signal.setflags(write=False)  # as in frames that a run takes from its cache
+        return frames
+
 
 FIT, VALIDATION, TEST = 40, 10, 12
 """Frames that a model under test is trained on, validated on and tested on."""
@@ -380,3 +504,71 @@ def _numbers(answer: Answer | None) -> npt.NDArray[np.float64]:
     if isinstance(answer, PlatePose):
         return np.array([answer.depth, answer.tilt])
     return np.column_stack([answer.xy, answer.depth, answer.score])
+
+
+Build = Callable[[Mapping[str, Value]], Any]
+
+
+def check_parameters(spec: Any, values: Mapping[str, Value], build: Build) -> None:
+    """Check that every allowed value builds or is refused, and that every other value is refused.
+
+    Args:
+        spec: The spec whose parameters are checked.
+        values: Values of all parameters; one at a time is changed.
+        build: Function that builds the target from the values of all parameters.
+
+    Raises:
+        Failed: A forbidden value is not refused, or an allowed value raises something else than a
+            UserError.
+    """
+    with must_refuse("a parameter that is not declared"):
+        spec.settings({"no_such_parameter": "1"})
+    for parameter in spec.parameters:
+        for text in _forbidden_texts(parameter):
+            with must_refuse(f"{parameter.name}={text}"):
+                spec.settings({parameter.name: text})
+        for value in _edge_values(parameter):
+            try:
+                build({**values, parameter.name: value})
+            except UserError:
+                continue
+            except Exception as error:
+                raise Failed(
+                    f"{parameter.name}={value!r} is allowed, but building with it raised "
+                    f"{describe_exception(error)}; narrow its bounds or refuse it with a UserError"
+                ) from error
+
+
+def _forbidden_texts(parameter: Parameter) -> Iterator[str]:
+    default = parameter.default
+    if parameter.choices:
+        yield "no such choice"
+    elif not isinstance(default, str):
+        yield "word"
+    if isinstance(default, float):
+        yield "nan"
+    if isinstance(default, int | float) and not isinstance(default, bool):
+        if parameter.low is not None:
+            yield str(type(default)(parameter.low - 1))
+        if parameter.high is not None:
+            yield str(type(default)(parameter.high + 1))
+
+
+def _edge_values(parameter: Parameter) -> Iterator[Value]:
+    """Yield allowed values that an author may have forgotten."""
+    if parameter.choices:
+        yield from parameter.choices
+        return
+    default = parameter.default
+    if isinstance(default, bool):
+        yield not default
+    elif isinstance(default, str):
+        yield "no such value"
+    else:
+        kind, is_integer = type(default), isinstance(default, int)
+        low, high = parameter.low, parameter.high
+        yield kind(-1) if low is None else kind(ceil(low) if is_integer else low)
+        if low is None or low < 0:
+            yield kind(0)
+        if high is not None:
+            yield kind(floor(high) if is_integer else high)
