@@ -173,7 +173,6 @@ def _json_values(reports: list[Report]) -> dict[str, Any]:
                 "asserts": finding.checked.statement,
                 "outcome": finding.outcome,
                 "found": finding.message,
-                "seconds": round(finding.seconds, 3),
             }
             for report in reports
             for finding in report.findings
