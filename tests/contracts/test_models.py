@@ -15,10 +15,10 @@ from tactibench.plugins import PluginHost
 from tactibench.run import NullProgress
 from tactibench.testing import (
     ModelSubject,
-    check,
     examine,
     expected_failures,
     properties,
+    run_checks,
     subject_of,
 )
 from tactibench.training import save_weights
@@ -81,7 +81,8 @@ def test_conformance(name: str, asked: Any) -> None:
 @pytest.mark.parametrize("encoder", ["axes", "depth", "offset"])
 def test_a_unet_learns_through_every_heat_encoder(encoder: str) -> None:
     parameters = {"model": {**TINY["unet"], "epochs": "1", "mixing": "0"}}
-    report = check("model", "unet", encoder=encoder, parameters=parameters)
+    kept = subject_of("model", "unet", encoder=encoder, parameters=parameters)
+    report = run_checks(properties("model"), kept)
     bad = {one.checked.name: one.line() for one in report.findings if not one.ok}
     bad.pop("finds_contacts", None)  # one epoch is too few
     assert not bad

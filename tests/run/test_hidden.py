@@ -20,7 +20,7 @@ from tactibench.protocols import (
     load_protocol,
     recorded_seed,
 )
-from tactibench.protocols import hidden_seed as module
+from tactibench.protocols import loader as module
 from tactibench.protocols.loader import SEED_VARIABLE
 from tactibench.records import StoredRun
 from tactibench.run import TestOptions
