@@ -1,8 +1,8 @@
 """Measure speed and error of the encoders and their decoders: ``python benchmarks/decode.py``.
 
-Speed: one map with three contacts (one contact, for encoders of single contacts), and many maps at
-once, against ``skimage.feature.peak_local_max``, which returns cells, in the same run. "cpu" is the
-time that the thread itself ran, which other work on the machine changes less.
+Speed: one map with three contacts, and many maps at once, against
+``skimage.feature.peak_local_max``, which returns cells, in the same run. "cpu" is the time that the
+thread itself ran, which other work on the machine changes less.
 Error: rms position error of the best contact in cells at white noise 0.02, 2 to 6 mm deep; then
 errors in mm on maps without noise, and with noise as in the maps of networks (smooth, correlated
 over two cells, stronger where there is heat, and some white noise).
@@ -20,9 +20,7 @@ from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Encoder, Grid
 from tactibench.run import time_calls
-from tactibench_heatmaps.axes import Axes
-from tactibench_heatmaps.discs import HeatAndDepth, Offsets
-from tactibench_heatmaps.hertz import HertzGaussian
+from tactibench_heatmaps import HeatAndDepth, HertzGaussian, Offsets
 
 GRID = Grid.centred(64, 0.4)
 MAPS = 1500
@@ -32,12 +30,9 @@ ENCODERS: dict[str, Encoder] = {
     "hertz least-squares": HertzGaussian(decoder="least-squares"),
     "hertz wide, free width": HertzGaussian(width="free"),
     "hertz wide": HertzGaussian(),
-    "hertz dark": HertzGaussian(decoder="dark"),
     "depth maximum": HeatAndDepth(decoder="maximum"),
     "depth least-squares": HeatAndDepth(),
-    "depth dark": HeatAndDepth(decoder="dark"),
     "offset": Offsets(),
-    "axes": Axes(),
 }
 NOISES = {"clean": (0.0, 0.0), "network": (0.015, 0.003), "rough": (0.03, 0.01)}
 
@@ -127,14 +122,13 @@ def show_speed(rng: np.random.Generator) -> None:
     slow = timed("skimage, hertz", by_skimage, heat)
     print()
     for name, encoder in ENCODERS.items():
-        truth = [c.top(1) for c in contacts] if name == "axes" else contacts
-        maps = noisy(rng, encoder.encode_batch(truth, GRID), 0.015, 0.003)
+        maps = noisy(rng, encoder.encode_batch(contacts, GRID), 0.015, 0.003)
         quick = timed(name, partial(encoder.decode, grid=GRID), maps)
         batch = partial(encoder.decode_batch, maps, GRID)
         wall = MAPS / best_seconds(batch, time.perf_counter)
         cpu = MAPS / best_seconds(batch, time.thread_time)
         encoded = MAPS / best_seconds(
-            partial(encoder.encode_batch, truth, GRID), time.thread_time, rounds=1
+            partial(encoder.encode_batch, contacts, GRID), time.thread_time, rounds=1
         )
         print(
             f"; batch {wall:7,.0f} maps/s, cpu {cpu:7,.0f}; encode, cpu {encoded:7,.0f};"
@@ -156,10 +150,9 @@ def show_white_noise(rng: np.random.Generator) -> None:
         maps += 0.02 * rng.standard_normal(maps.shape, dtype=np.float32)
         rms = rms_cells(encoder.decode_batch(maps, GRID), truth)
         line = f"white noise 0.02: {name:21s} rms {rms:.3f} cells"
-        if name != "axes":
-            for other, decode in (("argmax", by_argmax), ("skimage", by_skimage)):
-                theirs = rms_cells([decode(noisy_maps) for noisy_maps in maps], truth)
-                line += f"; {other} {theirs:.3f}, {theirs / rms:.1f} times as much"
+        for other, decode in (("argmax", by_argmax), ("skimage", by_skimage)):
+            theirs = rms_cells([decode(noisy_maps) for noisy_maps in maps], truth)
+            line += f"; {other} {theirs:.3f}, {theirs / rms:.1f} times as much"
         print(line)
 
 
@@ -168,8 +161,6 @@ def show_errors(rng: np.random.Generator) -> None:
         truth = scenes(rng, 300)
         for noise, (smooth, white) in NOISES.items():
             for name, encoder in ENCODERS.items():
-                if (kind, name) == ("pair", "axes"):
-                    continue
                 drawn = noisy(rng, encoder.encode_batch(truth, GRID), smooth, white)
                 position, depth, share = errors(encoder.decode_batch(drawn, GRID), truth)
                 print(

@@ -41,8 +41,7 @@ from tactibench.errors import UserError
 from tactibench.frames import published_frames
 from tactibench.markers import Tracker
 from tactibench.protocols import load_protocol, split_recorded
-from tactibench_pins.displacements import Components
-from tactibench_pins.regression import Features, Setting, kernel
+from tactibench_pins import Components, Features, Setting, kernel
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

@@ -34,9 +34,9 @@ from tactibench import (
 )
 from tactibench.geometry import true_contacts
 from tactibench.training import learned
-from tactibench_heatmaps.hertz import HertzGaussian
+from tactibench_heatmaps import HertzGaussian
 from tactibench_sim import TacTip127
-from tactibench_unet.model import UNet
+from tactibench_unet import UNet
 
 Labelled = tuple[list[Frame], list[Contacts]]
 

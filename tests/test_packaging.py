@@ -116,7 +116,7 @@ def test_an_installed_copy_is_used_and_lists_everything(empty: Path, tmp_path: P
     listed = json.loads((tmp_path / "listed.json").read_text(encoding="utf-8"))
     assert {row["name"] for row in listed["models"]} >= {"cnn", "mean", "nearest", "unet"}
     assert {row["name"] for row in listed["sensors"]} >= {"recorded", "tactip-127", "tactip-331"}
-    assert {row["name"] for row in listed["encoders"]} >= {"axes", "depth", "hertz", "offset"}
+    assert {row["name"] for row in listed["encoders"]} >= {"depth", "hertz", "offset"}
     protocols = {p.stem for p in (ROOT / "protocols").glob("*.toml") if "." not in p.stem}
     assert {row["name"] for row in listed["protocols"]} == protocols
 

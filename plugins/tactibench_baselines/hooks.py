@@ -13,7 +13,7 @@ def tactibench_models() -> list[ModelSpec]:
     return [
         ModelSpec(
             "mean",
-            "tactibench_baselines.mean:MeanModel",
+            "tactibench_baselines.nearest:MeanModel",
             "trivial baseline: answers the training mean, whatever the frame",
             answers=("contacts", "plate"),
             reads=_READS,

@@ -1,1 +1,5 @@
 """Heatmap encoders: contacts to maps that a network can draw, and back."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -19,8 +19,14 @@ import numpy as np
 
 from tactibench import Contacts, Grid, UserError
 from tactibench_heatmaps.disc_loops import draw_discs, read_discs
-from tactibench_heatmaps.encoder import MapEncoder, MapStack, relative_depth
-from tactibench_heatmaps.peaks import TOLERANCE, PeakReader, split_contacts
+from tactibench_heatmaps.encoder import (
+    TOLERANCE,
+    MapEncoder,
+    MapStack,
+    PeakReader,
+    relative_depth,
+    split_contacts,
+)
 
 _RIM = 1.0  # width inside the rim of a disc that is not read, cells
 _LEAST_REACH = 2.0  # least radius of a disc, cells
@@ -85,6 +91,7 @@ class HeatAndDepth(DiscEncoder):
     """
 
     channels = 2
+    separation = 2.0
 
     def __init__(
         self,
@@ -109,7 +116,6 @@ class HeatAndDepth(DiscEncoder):
             flanks=decoder != "maximum",
         )
         super().__init__(max_depth, reach, peaks)
-        self.separation = 3.0 if decoder == "dark" else 2.0
         self.tolerance = TOLERANCE[decoder]
 
 

@@ -12,8 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactibench import Contacts, Grid
-from tactibench_heatmaps.encoder import MapEncoder, MapStack, relative_depth
-from tactibench_heatmaps.peaks import TOLERANCE, PeakReader, split_contacts
+from tactibench_heatmaps.encoder import (
+    TOLERANCE,
+    MapEncoder,
+    MapStack,
+    PeakReader,
+    relative_depth,
+    split_contacts,
+)
 
 _BLOCK = 64
 """Maps rendered at a time, so that one block stays in the cache."""
@@ -25,8 +31,8 @@ class HertzGaussian(MapEncoder):
     The parameters are declared in ``hooks``. Kernels combine by maximum and are never rounded to a
     cell.
 
-    The decoders are those of ``peaks``: "maximum" as published, "least-squares", "wide" and
-    "dark". For all but "maximum" a bump on the flank of a higher peak is no contact.
+    The decoders are "maximum" as published, "least-squares" and "wide". For all but "maximum" a
+    bump on the flank of a higher peak is no contact.
 
     The score of a contact is the heat of its peak, cut to 0..1: the deepest comes first.
 
@@ -35,6 +41,7 @@ class HertzGaussian(MapEncoder):
     """
 
     channels = 1
+    separation = 6.5
 
     def __init__(
         self,
@@ -61,7 +68,6 @@ class HertzGaussian(MapEncoder):
             free=width == "free",
             flanks=decoder != "maximum",
         )
-        self.separation = 8.0 if decoder == "dark" else 6.5
         self.tolerance = TOLERANCE[decoder]
 
     def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:

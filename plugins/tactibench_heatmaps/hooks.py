@@ -40,9 +40,8 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 Parameter(
                     "decoder",
                     "wide",
-                    "how peaks are read: sub-cell fit (wide: over 17 x 17 cells), expansion of the "
-                    "blurred map, or the cell of the maximum",
-                    choices=("least-squares", "wide", "dark", "maximum"),
+                    "how peaks are read: sub-cell fit (wide: 17 x 17 cells), or the highest cell",
+                    choices=("least-squares", "wide", "maximum"),
                     decode_only=True,
                 ),
                 _threshold(0.25 / 6.0),
@@ -70,9 +69,8 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 Parameter(
                     "decoder",
                     "least-squares",
-                    "how the heat is read: sub-cell fit, expansion of the blurred map, or the cell "
-                    "of the maximum",
-                    choices=("least-squares", "dark", "maximum"),
+                    "how the heat is read: sub-cell fit, or the cell of the maximum",
+                    choices=("least-squares", "maximum"),
                     decode_only=True,
                 ),
                 _threshold(0.3),
@@ -93,18 +91,6 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 _min_distance(1.2),
                 _MAX_COUNT,
             ),
-        ),
-        EncoderSpec(
-            name="axes",
-            target="tactibench_heatmaps.axes:Axes",
-            summary="profiles of a single contact along x and y, and its depth (SimCC)",
-            parameters=(
-                _MAX_DEPTH,
-                _SIGMA,
-                _threshold(0.3),
-                _window("side of the fitted part of a profile, cells (odd)"),
-            ),
-            max_contacts=1,
         ),
         EncoderSpec(
             name="mixture",

@@ -1,8 +1,17 @@
-"""Frames of one sensor as displacements of its pins."""
+"""Frames of one sensor as displacements of its pins.
+
+Raw pictures of a camera: the part that shows pins, cut out and evenly lit.
+
+A pin is a spot that is brighter than its neighbourhood, and all pins have one size. The light
+around them, the rim of the sensor and the reflections of lamps in the gel are no such spots. A
+white top-hat (Serra, Image Analysis and Mathematical Morphology, 1982) separates what is smaller
+than twice a pin from its ground, and pins in the shade are brought to the light of the others.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Self, TypeVar
 
@@ -14,9 +23,273 @@ from tactibench.errors import UserError
 from tactibench.images import gray_frames
 from tactibench.markers.tracker import Tracker
 
+Images = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float32]
+Places = npt.NDArray[np.float64]
+
+_DIAMETERS_PX = (4, 6, 8, 11, 15, 21, 29)
+"""Sizes of pins that are tried, each 1.4 times the one before: a top-hat of twice the diameter
+still takes pins of half and one and a half times that size."""
+_LEAST_PINS = 12
+"""Fewer spots of one size are no pattern of pins: the smallest known sensor has 20."""
+_CLEAR = 5.0
+"""A spot is this many times as bright over its ground as neighbouring pixels usually differ: what
+noise alone leaves of a top-hat reaches 4."""
+_AREA = (0.35, 2.5)
+"""Spots of one size, in shares of their median area: pins in the shade look smaller."""
+_SLENDER = 1.8
+"""A spot whose length is this many times its width is the edge of something."""
+_APART = 2.2
+"""A pin has two others within this many usual distances; otherwise the spot is no pin."""
+_GLARE = 1.6
+"""A spot this many times as bright as the pins around it is a lamp's reflection: pins beside each
+other differ by 1.3 at most."""
+_FAINT = 0.25
+"""Share of a pin's level down to which the light around a reflection's middle belongs to the
+reflection."""
+_AROUND = 3.0
+"""Distances between pins over which the light is averaged: a lamp's cone covers many pins, and a
+reflection counts little among them."""
+_MARGIN = 1.0
+"""Distances between pins that stay around the outermost ones, which move by less than half of one:
+they are fixed at the border."""
+_PIN_LEVEL = 200.0
+"""Level of a pin's middle in an evenly lit picture; brighter ones have room up to 255."""
+_MOST_PX = 320
+"""Longest side of the result: the pins of a sensor with 331 are still 5 px wide, and models see
+less."""
+_PLAIN = 0.8
+"""Share of the pins that one threshold for the whole picture must find; otherwise the picture is
+raw. A threshold finds all pins in pictures that were made for pins (Tac-VGNN, the simulator), and
+none beside a bright rim."""
+
+
+@dataclass(frozen=True, eq=False)
+class PinView:
+    """The part of raw pictures that shows pins, and how brightly it is lit.
+
+    Attributes:
+        shape: Height and width of the pictures, px.
+        top: First row that is cut out.
+        left: First column that is cut out.
+        side: Rows and columns that are cut out.
+        size: Rows and columns of the result.
+        diameter_px: Approximate diameter of a pin in the raw picture.
+        gain: (side, side) factor from the level over the ground to the level of the result; 0 at
+            reflections and beyond the pins.
+    """
+
+    shape: tuple[int, int]
+    top: int
+    left: int
+    side: int
+    size: int
+    diameter_px: int
+    gain: Floats
+
+    def __str__(self) -> str:
+        return (
+            f"{self.side}x{self.side} px from row {self.top} and column {self.left} of "
+            f"{self.shape[0]}x{self.shape[1]}"
+        )
+
+    def of(self, image: Images) -> Images:
+        """Return the view of a raw picture: pins bright on black, (size, size) uint8.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8.
+
+        Raises:
+            UserError: The picture has another size than the picture in which the view was found.
+        """
+        from tactibench.images import gray, resized
+
+        if image.shape[:2] != self.shape:
+            raise UserError(
+                f"a picture has {image.shape[0]}x{image.shape[1]} px, but pins were found in one "
+                f"of {self.shape[0]}x{self.shape[1]}; take all with the same settings."
+            )
+        even = np.clip(np.rint(self._even(gray(image))), 0, 255).astype(np.uint8)
+        return resized(even, (self.size, self.size))
+
+    def reflections(self, level: Images) -> npt.NDArray[np.bool_]:
+        """Return where spots of a gray picture (H, W) are too bright for pins, (side, side)."""
+        import cv2
+
+        even = self._even(level)
+        _, spot = cv2.connectedComponents((even > _FAINT * _PIN_LEVEL).astype(np.uint8))
+        glaring = np.unique(spot[even > _GLARE * _PIN_LEVEL])
+        reflection = np.isin(spot, glaring[glaring > 0]).astype(np.uint8)
+        return np.asarray(cv2.dilate(reflection, np.ones((5, 5), np.uint8)), dtype=bool)
+
+    def _even(self, level: Images) -> Floats:
+        """Return the levels over the ground, (side, side), as if all pins were lit alike."""
+        edge = 2 * self.diameter_px  # the top-hat needs the ground around what is cut out
+        rows = slice(max(0, self.top - edge), self.top + self.side + edge)
+        columns = slice(max(0, self.left - edge), self.left + self.side + edge)
+        over = _over_ground(np.ascontiguousarray(level[rows, columns]), self.diameter_px)
+        top, left = self.top - rows.start, self.left - columns.start
+        return np.asarray(over[top : top + self.side, left : left + self.side]) * self.gain
+
+
+def is_raw(image: Images) -> bool:
+    """Return whether a picture (H, W) or (H, W, 3) shows pins, but not on a dark and even ground.
+
+    Its pins are found over the ground around them, but no single threshold finds them.
+    """
+    from tactibench.images import gray
+
+    level = gray(image)
+    noise = _noise(level)
+    counts = [len(_find_spots(_over_ground(level, d), d, noise)[0]) for d in _DIAMETERS_PX]
+    best = int(np.argmax(counts))
+    if counts[best] < _LEAST_PINS:
+        return False
+    plain = len(_find_spots(level.astype(np.float32), _DIAMETERS_PX[best], noise)[0])
+    return plain < _PLAIN * counts[best]
+
+
+def find_pin_view(image: Images) -> PinView:
+    """Find the pins of a raw picture and return the view of them.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, preferably of the undeformed sensor.
+
+    Raises:
+        UserError: The picture shows no pattern of spots of one size.
+    """
+    from tactibench.images import gray
+
+    level = gray(image)
+    noise = _noise(level)
+    spots = [_find_spots(_over_ground(level, d), d, noise) for d in _DIAMETERS_PX]
+    best = max(range(len(spots)), key=lambda k: len(spots[k][0]))
+    diameter, (xy, peak) = _DIAMETERS_PX[best], spots[best]
+    if len(xy) < _LEAST_PINS:
+        raise UserError(
+            f"a picture of {level.shape[0]}x{level.shape[1]} px shows {len(xy)} spots of one size; "
+            f"at least {_LEAST_PINS} pins are needed. Give pictures of a sensor with bright pins, "
+            "or say --param light=as_is."
+        )
+    pitch = _pitch(xy)
+    pins = peak < _GLARE * _usual_peaks(xy, xy, peak)
+    low = xy[pins].min(axis=0) - _MARGIN * pitch
+    high = xy[pins].max(axis=0) + _MARGIN * pitch
+    side = int(min(*level.shape, np.ceil((high - low).max())))
+    middle = (low + high) / 2
+    left, top = (
+        int(np.clip(round(centre - side / 2), 0, length - side))
+        for centre, length in zip(middle, level.shape[::-1], strict=True)
+    )
+    gain = _gain(xy[pins] - (left, top), peak[pins], side, pitch)
+    view = PinView(level.shape, top, left, side, min(side, _MOST_PX), diameter, gain)
+    y, x = np.ogrid[:side, :side]
+    centre = middle - (left, top)
+    reach = np.linalg.norm(xy[pins] - middle, axis=1).max() + _MARGIN * pitch
+    outside = np.hypot(x - centre[0], y - centre[1]) > reach  # the rim in the corners
+    return replace(view, gain=np.where(outside | view.reflections(level), np.float32(0), gain))
+
+
+def _over_ground(level: Images, diameter: int) -> Floats:
+    """Return by how many levels a picture is brighter than the ground around spots, (H, W)."""
+    import cv2
+
+    width = 2 * diameter + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    smooth = cv2.GaussianBlur(level, (0, 0), max(0.5, diameter / 8))  # a pin is no single pixel
+    over = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, kernel).astype(np.float32)
+    # The opening follows the darkest noise of the ground: the median is the level without a pin.
+    return np.asarray(np.maximum(over - np.float32(np.median(over)), 0), dtype=np.float32)
+
+
+def _noise(level: Images) -> float:
+    """Return the usual difference of neighbouring pixels of a gray picture."""
+    return float(np.median(np.abs(np.diff(level.astype(np.int16), axis=1))))
+
+
+def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floats]:
+    """Find the spots of about one diameter that have neighbours.
+
+    Args:
+        over: (H, W) levels over the ground, 0 or more.
+        diameter: Diameter of the spots, px.
+        noise: Usual difference of neighbouring pixels, levels.
+
+    Returns:
+        Places (P, 2) px and peaks (P,) of the spots.
+    """
+    import cv2
+
+    # Roots bring reflections near pins, so that the threshold falls between pins and ground.
+    root = np.sqrt(over)
+    scaled = (root * (255.0 / max(float(root.max()), 1.0))).astype(np.uint8)
+    _, bright = cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    bright[over < _CLEAR * noise + 3] = 0
+    count, label, stats, centre = cv2.connectedComponentsWithStats(bright, connectivity=4)
+    none = np.empty((0, 2)), np.empty(0, np.float32)
+    if count <= _LEAST_PINS:
+        return none
+    wide, high = stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]
+    area = stats[1:, cv2.CC_STAT_AREA].astype(np.float64)
+    round_ = np.maximum(wide, high) < _SLENDER * np.minimum(wide, high) + 1
+    sized = round_ & (np.sqrt(area * 4 / np.pi) > diameter / 2) & (area < (2 * diameter) ** 2)
+    if sized.sum() < _LEAST_PINS:
+        return none
+    usual = np.median(area[sized])
+    sized &= (area > _AREA[0] * usual) & (area < _AREA[1] * usual)
+    labels = np.flatnonzero(sized) + 1
+    xy = np.asarray(centre[labels], dtype=np.float64)
+    if len(xy) < _LEAST_PINS:
+        return none
+    peaks = np.zeros(count, np.float32)
+    np.maximum.at(peaks, label.ravel().astype(np.intp), over.ravel())
+    pins = _distances(xy, 2)[:, 1] < _APART * _pitch(xy)
+    # A rim that the border cuts off looks like a spot there.
+    pins &= ((xy >= diameter) & (xy < np.array(over.shape[::-1]) - diameter)).all(axis=1)
+    return xy[pins], peaks[labels[pins]]
+
+
+def _distances(xy: Places, count: int) -> Places:
+    """Return the distances of every place to its nearest others, (P, count) px."""
+    from scipy.spatial import cKDTree
+
+    distances: Places = cKDTree(xy).query(xy, k=count + 1)[0][:, 1:]
+    return distances
+
+
+def _pitch(xy: Places) -> float:
+    """Return the usual distance of a spot to its second neighbour, px."""
+    return float(np.median(_distances(xy, 2)[:, 1]))
+
+
+def _usual_peaks(at: Places, xy: Places, peak: Floats) -> Floats:
+    """Return the median peaks of the pins around places, (N,).
+
+    Args:
+        at: (N, 2) px, the places.
+        xy: (P, 2) px, the pins.
+        peak: (P,) peaks of the pins.
+    """
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(xy).query(at, k=min(12, len(xy)))[1]
+    return np.asarray(np.median(peak[near], axis=1), dtype=np.float32)
+
+
+def _gain(xy: Places, peak: Floats, side: int, pitch: float) -> Floats:
+    """Return the factor that brings pins at each pixel to ``_PIN_LEVEL``, (side, side)."""
+    import cv2
+
+    coarse = 32
+    places = (np.stack(np.meshgrid(*[np.arange(coarse)] * 2), axis=-1) + 0.5) * side / coarse
+    usual = _usual_peaks(places.reshape(-1, 2), xy, peak).reshape(coarse, coarse)
+    smooth = cv2.GaussianBlur(usual, (0, 0), max(_AROUND * pitch * coarse / side, 0.5))
+    gain = cv2.resize(_PIN_LEVEL / np.maximum(smooth, 1.0), (side, side))
+    return np.asarray(gain, dtype=np.float32)
+
+
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-Images = npt.NDArray[np.uint8]
 
 Made = TypeVar("Made")
 

@@ -16,7 +16,6 @@ from torch import nn
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
-from tactibench.training.examples import Examples
 from tactibench.training.inference import (
     deterministic_kernels,
     float32_tensors,
@@ -24,7 +23,7 @@ from tactibench.training.inference import (
 )
 from tactibench.training.loop import train
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
-from tactibench.training.targets import position_error_mm
+from tactibench.training.targets import Examples, position_error_mm
 from tactibench.training.weights import load_weights, save_weights
 
 Array = npt.NDArray[Any]

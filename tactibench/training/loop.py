@@ -1,4 +1,16 @@
-"""The training loop of all learned models: deterministic and resumable."""
+"""The training loop of all learned models: deterministic and resumable.
+
+Weights averaged over the steps of a training, and the batch statistics that such weights need.
+
+Steps at a high learning rate circle the minimum that they have reached; their mean lies inside the
+circle (Polyak and Juditsky 1992; for networks Izmailov et al. 2018, "Averaging weights leads to
+wider optima and better generalization"). Averaged weights have no statistics of batch normalisation
+of their own, and running averages over the last few batches would bias the predictions of a network
+that reads an absolute depth. So the statistics are measured over many frames ("precise" batch
+normalisation, Wu and Johnson 2021, Rethinking "Batch" in BatchNorm).
+
+Checkpoint of a training, from which it continues after a kill; written after every epoch.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +18,8 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,15 +28,188 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import nn
+from torch.nn.modules.batchnorm import _BatchNorm
 from torch.optim.swa_utils import AveragedModel
 
 from tactibench.errors import UserError
 from tactibench.plugins import FitReport, Progress
-from tactibench.training.averaging import average_weights, measure_statistics
-from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
-from tactibench.training.examples import Examples
 from tactibench.training.inference import autocast, deterministic_kernels
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
+from tactibench.training.targets import Examples
+from tactibench.training.weights import DamagedFileError, read_container, write_container
+
+_RAMP = 10
+"""The mean after n steps reaches back over about a ninth of them, so it forgets the start."""
+
+
+def average_weights(network: nn.Module, decay: float) -> AveragedModel:
+    """Return an exponential moving average of a network's weights, with a decay per step.
+
+    Its ``update_parameters`` adds the weights of a step. Its ``module`` is a network with the mean
+    weights; the statistics of batch normalisation in it are those of the last step until they are
+    measured.
+    """
+
+    def update(mean: Any, weights: Any, count: torch.Tensor | int) -> None:
+        steps = int(count)
+        share = min(decay, (1 + steps) / (_RAMP + steps))
+        torch._foreach_lerp_(mean, weights, 1 - share)
+
+    mean = AveragedModel(network, multi_avg_fn=update)
+    return mean.eval().requires_grad_(requires_grad=False)
+
+
+@torch.no_grad()
+def measure_statistics(
+    network: nn.Module,
+    batches: Iterable[torch.Tensor],
+    forward: Callable[[nn.Module, torch.Tensor], torch.Tensor],
+) -> None:
+    """Replace the running statistics of batch normalisation by plain means over batches of images.
+
+    Args:
+        network: A network that is changed in place; nothing happens where it has no batch
+            normalisation.
+        batches: Batches of images.
+        forward: forward(network, images), the pass in the arithmetic of the training.
+    """
+    layers = [module for module in network.modules() if isinstance(module, _BatchNorm)]
+    if not layers:
+        return
+    momenta = [layer.momentum for layer in layers]
+    for layer in layers:
+        layer.reset_running_stats()
+        layer.momentum = None
+        layer.train()
+    for images in batches:
+        forward(network, images)
+    for layer, momentum in zip(layers, momenta, strict=True):
+        layer.momentum = momentum
+
+
+FILE = "checkpoint.safetensors"
+_SCHEMA = 1
+
+
+@dataclass
+class TrainingState:
+    """Progress of a training after ``epoch`` epochs.
+
+    Shuffling and layer noise are functions of seed and epoch, and the learning rate is a function
+    of the step, so no generator and no schedule is stored.
+
+    Attributes:
+        epoch: Number of epochs that are done.
+        best_loss: The best validation loss; None where there is none.
+        best_epoch: Number of epochs after which it was reached.
+        seconds: Duration of the epochs, s.
+        history: Loss and errors of every epoch.
+        best: Weights with the best validation loss.
+    """
+
+    epoch: int = 0
+    best_loss: float | None = None
+    best_epoch: int = 0
+    seconds: float = 0.0
+    history: list[dict[str, float]] = field(default_factory=list)
+    best: dict[str, torch.Tensor] = field(default_factory=dict)
+
+
+def save_checkpoint(
+    directory: Path,
+    identity: str,
+    state: TrainingState,
+    network: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    mean: nn.Module | None = None,
+) -> None:
+    """Replace the checkpoint in the folder; the old one stays intact until then.
+
+    Args:
+        directory: Folder of the checkpoint.
+        identity: Identity of the training.
+        state: Progress of the training.
+        network: The network.
+        optimiser: Its optimiser.
+        mean: Mean of the weights over the steps, where there is one.
+    """
+    groups = {
+        "network": network.state_dict(),
+        "mean": {} if mean is None else mean.state_dict(),
+        "best": state.best,
+        "optimiser": {
+            f"{index}/{name}": value
+            for index, weight in enumerate(_weights(optimiser))
+            for name, value in optimiser.state.get(weight, {}).items()
+        },
+    }
+    tensors = {
+        f"{group}/{name}": value for group, named in groups.items() for name, value in named.items()
+    }
+    facts = {name: value for name, value in vars(state).items() if name != "best"}
+    write_container(directory / FILE, tensors, {"schema": _SCHEMA, "identity": identity, **facts})
+
+
+def load_checkpoint(
+    directory: Path,
+    identity: str,
+    network: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    mean: nn.Module | None = None,
+) -> tuple[TrainingState, str | None]:
+    """Set network, optimiser and mean to their state in the checkpoint.
+
+    Args:
+        directory: Folder of the checkpoint.
+        identity: Identity of the training.
+        network: The network.
+        optimiser: Its optimiser.
+        mean: Mean of the weights over the steps, where there is one.
+
+    Returns:
+        The state of the checkpoint and None. Where it cannot be used, a fresh state and a sentence
+        that tells why; nothing else is changed. Where there is none, a fresh state and None.
+    """
+    try:
+        tensors, header = read_container(directory / FILE)
+    except FileNotFoundError:
+        return TrainingState(), None
+    except DamagedFileError as error:
+        return TrainingState(), f"the checkpoint was ignored: {error}"
+    if header.pop("schema", None) != _SCHEMA or header.pop("identity", None) != identity:
+        return TrainingState(), "the checkpoint was ignored: it is of another run"
+    groups: dict[str, dict[str, torch.Tensor]] = {
+        group: {} for group in ("network", "mean", "best", "optimiser")
+    }
+    for key, tensor in tensors.items():
+        group, _, name = key.partition("/")
+        groups[group][name] = tensor
+    network.load_state_dict(groups["network"])
+    _restore_optimiser(optimiser, groups["optimiser"])
+    if mean is not None:
+        mean.load_state_dict(groups["mean"])
+    return TrainingState(**header, best=groups["best"]), None
+
+
+def _weights(optimiser: torch.optim.Optimizer) -> list[torch.Tensor]:
+    return [weight for group in optimiser.param_groups for weight in group["params"]]
+
+
+def _restore_optimiser(optimiser: torch.optim.Optimizer, tensors: dict[str, torch.Tensor]) -> None:
+    """Set the state of an optimiser.
+
+    Moments get the memory layout of their weight, because fused kernels read both in the same
+    order.
+    """
+    weights = _weights(optimiser)
+    for key, value in tensors.items():
+        index, _, name = key.partition("/")
+        weight = weights[int(index)]
+        moment: Any = value.to(weight.device, copy=True)
+        if value.shape == weight.shape:
+            moment = torch.empty_like(weight, requires_grad=False).copy_(value)
+        optimiser.state[weight][name] = moment
+
 
 Loss = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 ErrorMm = Callable[[torch.Tensor, npt.NDArray[np.int64]], float | None]

@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError, gray_frames
-from tactibench_baselines.labels import pack, unpack
-from tactibench_baselines.mean import MeanModel
-from tactibench_baselines.nearest import NearestModel
+from tactibench_baselines import MeanModel, NearestModel, pack, unpack
 
 BOTH = pytest.mark.parametrize("kind", [MeanModel, NearestModel])
 ANSWERS = pytest.mark.parametrize("answer", ["contacts", "plate"])

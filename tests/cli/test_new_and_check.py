@@ -71,7 +71,7 @@ def test_check_prints_a_line_a_property_and_the_counts(cli: Any, tmp_path: Path)
 
 
 def test_check_ends_with_1_when_something_is_not_as_expected(cli: Any) -> None:
-    code, out, _ = cli("check", "axes", "--expect-failed", "refine=reads cells")
+    code, out, _ = cli("check", "depth", "--expect-failed", "refine=reads cells")
     assert code == 1
     assert "1 passed unexpectedly" in out.splitlines()[-1]
     code, out, _ = cli("check", "hertz", "--param", "encoder.decoder=maximum")

@@ -8,7 +8,7 @@ from tactibench import Grid, ModelContext
 
 @pytest.fixture(scope="session")
 def make_cnn():
-    from tactibench_cnn.model import CNN
+    from tactibench_cnn import CNN
 
     def _make(answer="contacts", **parameters):
         context = ModelContext(answer, Grid.centred(64, 0.4), 6.0)

@@ -38,13 +38,10 @@ CASES = {
     "hertz least-squares": Case("hertz", 0.08, {"decoder": "least-squares"}),
     "hertz free width": Case("hertz", 0.08, {"decoder": "least-squares", "width": "free"}),
     "hertz wide": Case("hertz", 0.06),
-    "hertz dark": Case("hertz", 0.3, {"decoder": "dark"}),
     "hertz maximum": Case("hertz", 1.5, {"decoder": "maximum"}, {"refine": CELLS}),
     "depth least-squares": Case("depth", 0.03),
-    "depth dark": Case("depth", 0.03, {"decoder": "dark"}),
     "depth maximum": Case("depth", 0.4, {"decoder": "maximum"}, {"refine": CELLS}),
     "offset": Case("offset", 0.045),
-    "axes": Case("axes", 0.03),
     "mixture": Case("mixture"),
 }
 HEAT = [name for name in CASES if name != "mixture"]

@@ -78,7 +78,7 @@ def test_conformance(name: str, asked: Any) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("encoder", ["axes", "depth", "offset"])
+@pytest.mark.parametrize("encoder", ["depth", "offset"])
 def test_a_unet_learns_through_every_heat_encoder(encoder: str) -> None:
     parameters = {"model": {**TINY["unet"], "epochs": "1", "mixing": "0"}}
     kept = subject_of("model", "unet", encoder=encoder, parameters=parameters)

@@ -16,7 +16,6 @@ SHAPING = {
     "hertz": {"max_depth", "radius", "blur"},
     "depth": {"max_depth", "sigma", "reach"},
     "offset": {"max_depth", "sigma", "reach"},
-    "axes": {"max_depth", "sigma"},
 }
 
 
@@ -60,5 +59,4 @@ def test_every_choice_reads_what_it_drew(spec: EncoderSpec, chosen: dict[str, st
 
 def test_kinds_and_counts() -> None:
     assert {name for name in SHAPING if SPECS[name].kind == "heat"} == set(SHAPING)
-    assert {name for name, spec in SPECS.items() if spec.max_contacts == 1} == {"axes"}
     assert {name for name, spec in SPECS.items() if spec.shows_surface} == {"hertz"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Grid
-from tactibench_heatmaps.hertz import HertzGaussian
+from tactibench_heatmaps import HertzGaussian
 
 GRID = Grid.centred(64, 0.4)
 DECODERS = {
@@ -14,7 +14,6 @@ DECODERS = {
     "free-width": {"decoder": "least-squares", "width": "free"},
     "wide": {},
     "wide-free": {"width": "free"},
-    "dark": {"decoder": "dark"},
     "maximum": {"decoder": "maximum"},
 }
 ENCODERS = {name: HertzGaussian(**words) for name, words in DECODERS.items()}

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Contacts, Grid
-from tactibench_heatmaps.hertz import HertzGaussian
+from tactibench_heatmaps import HertzGaussian
 
 GRID = Grid.centred(64, 0.4)
 SMALL = Grid((9, 12), (-2.0, -1.5), 0.5)

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from tactibench import Contacts, Grid
-from tactibench_heatmaps.hertz import HertzGaussian
+from tactibench_heatmaps import HertzGaussian
 
 GRID = Grid.centred(64, 0.4)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps.mixture import Mixture
+from tactibench_heatmaps import Mixture
 
 GRID = Grid.centred(64, 0.4)
 COARSE = Grid.centred(16, 1.6)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from tactibench_heatmaps.least_squares import three_points
-from tactibench_heatmaps.maxima import CANDIDATES
-from tactibench_heatmaps.peaks import PeakReader
+from tactibench_heatmaps import CANDIDATES, PeakReader, three_points
 
 
 def reader(threshold: float, **more: Any) -> PeakReader:
@@ -108,19 +105,3 @@ def test_a_needle_of_noise_is_not_taken_for_a_high_peak() -> None:
     peak = np.array([4.0, 4.0, 0.09])
     three_points(one, peak)
     assert peak[2] < 2.0 * 0.09
-
-
-@pytest.mark.parametrize(("row", "column"), [(11.8, 12.3), (12.0, 11.51), (11.6, 12.4)])
-def test_dark_is_the_published_expansion(row: float, column: float) -> None:
-    """Against the formula on a map blurred as a whole by OpenCV, noise included."""
-    one = gaussian(row, column) + 0.005 * np.random.default_rng(1).random((24, 24), np.float32)
-    found = peaks(one[None], 0.3, decoder="dark")[0][0]
-    i, j = (int(v) for v in peaks(one[None], 0.3)[0][0, :2])
-    logs = np.log(cv2.GaussianBlur(one.astype(np.float64), (11, 11), 2.0))
-    slope = 0.5 * np.array([logs[i + 1, j] - logs[i - 1, j], logs[i, j + 1] - logs[i, j - 1]])
-    both = logs[i + 1, j + 1] - logs[i - 1, j + 1] - logs[i + 1, j - 1] + logs[i - 1, j - 1]
-    down = logs[i + 2, j] - 2 * logs[i, j] + logs[i - 2, j]
-    across = logs[i, j + 2] - 2 * logs[i, j] + logs[i, j - 2]
-    expected = [i, j] - np.linalg.solve(0.25 * np.array([[down, both], [both, across]]), slope)
-    np.testing.assert_allclose(found[:2], expected, atol=1e-9)
-    assert found[2] == pytest.approx(0.8, abs=0.01)  # the height that the blur took is given back

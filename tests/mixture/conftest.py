@@ -88,7 +88,7 @@ def silent():
 
 @pytest.fixture(scope="session")
 def make_mixture():
-    from tactibench_mixture.model import Mixture
+    from tactibench_mixture import Mixture
 
     def _make(answer="contacts", checkpoints=None, grid=GRID, encoder=None, **parameters):
         context = ModelContext(answer, grid, 6.0, encoder or CellEncoder(), checkpoints=checkpoints)

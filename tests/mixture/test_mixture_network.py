@@ -9,9 +9,8 @@ import torch
 from tactibench import UserError
 from tactibench.markers import PinTracker
 from tactibench.training import flip_maps, fold_batch_norm, torch_seed
-from tactibench_mixture import architecture
-from tactibench_mixture.architecture import MixtureNetwork
-from tactibench_mixture.displacement import DisplacementField
+from tactibench_mixture import DisplacementField, MixtureNetwork
+from tactibench_mixture import model as module
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +42,7 @@ def test_shapes_and_the_first_guess():
 def test_mirroring_in_training_mirrors_what_the_network_says(network, monkeypatch, turned):
     x = fields()
     flags = torch.tensor(turned).expand(3, 2)
-    monkeypatch.setattr(architecture, "draw_flips", lambda count, allowed, device: flags)
+    monkeypatch.setattr(module, "draw_flips", lambda count, allowed, device: flags)
     sign = torch.tensor([-1.0 if t else 1.0 for t in turned])
     network.eval()
     with torch.no_grad():
@@ -63,7 +62,7 @@ def test_frames_are_mirrored_only_where_they_may_be(network, monkeypatch):
         asked.append((count, allowed))
         return torch.zeros(count, 2, dtype=torch.bool, device=device)
 
-    monkeypatch.setattr(architecture, "draw_flips", turns)
+    monkeypatch.setattr(module, "draw_flips", turns)
     with torch.no_grad():
         network.train()(fields())
         network.eval()(fields())

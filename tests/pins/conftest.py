@@ -17,8 +17,7 @@ def make_presses():
 
 @pytest.fixture(scope="session")
 def make_model():
-    from tactibench_pins.kernel import Kernel
-    from tactibench_pins.model import Pins
+    from tactibench_pins import Kernel, Pins
 
     def _make(name, answer="plate", checkpoints=None, **parameters):
         context = ModelContext(answer, Grid.centred(64, 0.4), 6.0, checkpoints=checkpoints)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench_pins.displacements import Components
-from tactibench_pins.regression import (
+from tactibench_pins import (
+    Components,
     Features,
     Setting,
     choose_setting,

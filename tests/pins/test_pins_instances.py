@@ -7,7 +7,7 @@ from single_presses import single_presses
 from tactibench import UserError
 from tactibench.markers import PinTracker, rest_images
 from tactibench.run import NullProgress
-from tactibench_pins.displacements import LatticePins, OwnPins, find_reader
+from tactibench_pins import LatticePins, OwnPins, find_reader
 
 both = pytest.mark.parametrize("name", ["kernel", pytest.param("pins", marks=pytest.mark.long)])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, UserError
-from tactibench_pins.displacements import contact_threshold, read_answers, rms_displacement
+from tactibench_pins import contact_threshold, read_answers, rms_displacement
 
 NAMES = ("kernel", "pins")
 FAR = {"kernel": 0.1, "pins": 0.35}

@@ -9,9 +9,7 @@ from drawn_pins import SIZE, draw, hexagon
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import common_lattice
 from tactibench.run import NullProgress
-from tactibench_pins.kernel import Kernel
-from tactibench_pins.model import Pins
-from tactibench_pins.transfer import LENGTHS, RIDGES, SHARE, Correction, Differences
+from tactibench_pins import LENGTHS, RIDGES, SHARE, Correction, Differences, Kernel, Pins
 
 pytestmark = pytest.mark.long
 

@@ -16,11 +16,9 @@ EDGE = GRID.axes()[0][-1]
 KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "wide": ("hertz", {}),
     "least-squares": ("hertz", {"decoder": "least-squares", "width": "free"}),
-    "dark": ("hertz", {"decoder": "dark"}),
     "maximum": ("hertz", {"decoder": "maximum"}),
     "depth": ("depth", {"sigma": 1.6, "reach": 4.0}),
     "offset": ("offset", {"sigma": 1.6, "reach": 4.0}),
-    "axes": ("axes", {"sigma": 1.6}),
     "mixture": ("mixture", {}),
 }
 
@@ -169,8 +167,6 @@ def test_maps_in_other_numbers_are_read_as_finely_as_these_are(
         ("depth", {"sigma": 100.0, "reach": 100.0}),
         ("offset", {"sigma": 0.1}),
         ("offset", {"sigma": 100.0, "reach": 100.0}),
-        ("axes", {"sigma": 0.1}),
-        ("axes", {"sigma": 100.0}),
     ],
 )
 def test_the_narrowest_and_the_widest_kernels_give_finite_maps_and_contacts(

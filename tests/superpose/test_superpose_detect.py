@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tactibench.superposition import Field
-from tactibench_superpose.detect import CLOSEST_MM, Detector
-from tactibench_superpose.model_error import ModelError
+from tactibench_superpose import CLOSEST_MM, Detector, ModelError
 
 SIGMA = 0.02  # px
 PITCH = 1.8 * 4  # px

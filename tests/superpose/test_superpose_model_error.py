@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactibench_superpose.model_error import FEWEST, ModelError
+from tactibench_superpose import FEWEST, ModelError
 
 PINS = 12
 WEIGHT = np.random.default_rng(0).uniform(1e4, 1e5, 2 * PINS)

@@ -30,7 +30,7 @@ class PeakEncoder(Encoder):
 
 @pytest.fixture(scope="session")
 def make_model():
-    from tactibench_unet.model import UNet
+    from tactibench_unet import UNet
 
     def _make(answer="contacts", grid=None, **parameters):
         grid = grid or Grid.centred(64, 0.4)

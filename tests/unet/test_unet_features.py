@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from drawn_presses import presses
 
-from tactibench_unet.architecture import UNetNetwork, layer_features
+from tactibench_unet import UNetNetwork, layer_features
 
 
 def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():

@@ -7,10 +7,8 @@ import pytest
 import torch
 
 from tactibench import Frame, Grid, ModelContext, Pose
-from tactibench_heatmaps.discs import Offsets
-from tactibench_heatmaps.hertz import HertzGaussian
-from tactibench_unet.architecture import UNetNetwork
-from tactibench_unet.model import UNet
+from tactibench_heatmaps import HertzGaussian, Offsets
+from tactibench_unet import UNet, UNetNetwork
 
 GRID = Grid.centred(32, 0.8)
 

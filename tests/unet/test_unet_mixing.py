@@ -10,7 +10,7 @@ from silent import Epochs
 import tactibench.superposition
 from tactibench import Contacts, Grid, UserError
 from tactibench.plugins import PluginHost
-from tactibench_unet.model import least_share
+from tactibench_unet import least_share
 
 SPEC = PluginHost().models["unet"]
 

@@ -155,7 +155,7 @@ def test_plate_labels_that_span_more_than_a_map_are_refused(make_model):
 
 
 def test_what_cannot_work_is_refused_in_a_sentence(make_model):
-    from tactibench_unet.model import UNet
+    from tactibench_unet import UNet
 
     with pytest.raises(UserError, match="encoder"):
         UNet(ModelContext("contacts", Grid.centred(64, 0.4), 6.0))

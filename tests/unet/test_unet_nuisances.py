@@ -9,8 +9,7 @@ import torch
 from drawn_presses import presses
 from silent import Epochs
 
-from tactibench_unet.architecture import UNetNetwork
-from tactibench_unet.nuisances import GAIN, disturb
+from tactibench_unet import GAIN, UNetNetwork, disturb
 
 
 def pins(count=8, size=64):

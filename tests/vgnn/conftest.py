@@ -35,7 +35,7 @@ def push_pins():
 
 @pytest.fixture(scope="session")
 def make_vgnn():
-    from tactibench_vgnn.model import VGNN
+    from tactibench_vgnn import VGNN
 
     def _make(answer="contacts", checkpoints=None, **parameters):
         context = ModelContext(answer, Grid.centred(64, 0.4), 6.0, checkpoints=checkpoints)

@@ -9,8 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from tactibench import Contacts, UserError
 from tactibench.markers import Tracks, pin_graph
-from tactibench_vgnn.features import NEAREST, NO_PIN, NODE, neighbour_table, node_features
-from tactibench_vgnn.layout import PinLayout
+from tactibench_vgnn import NEAREST, NO_PIN, NODE, PinLayout, neighbour_table, node_features
 
 QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
 """(x, y) @ QUARTER turns x towards y."""

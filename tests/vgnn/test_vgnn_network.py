@@ -6,8 +6,7 @@ import torch
 
 from tactibench.markers import pin_graph
 from tactibench.training import torch_seed
-from tactibench_vgnn.architecture import GraphNetwork
-from tactibench_vgnn.features import NEAREST, NO_PIN, NODE, neighbour_table
+from tactibench_vgnn import NEAREST, NO_PIN, NODE, GraphNetwork, neighbour_table
 
 
 def network(rest, table, layers=3):

@@ -1,4 +1,4 @@
-"""What the maps of ``depth``, ``offset`` and ``axes`` hold, by plain loops."""
+"""What the maps of ``depth`` and ``offset`` hold, by plain loops."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps.axes import Axes
 from tactibench_heatmaps.discs import HeatAndDepth, Offsets
 
 SMALL = Grid((11, 14), (-2.0, -1.6), 0.4)
@@ -35,14 +34,6 @@ def test_discs_are_the_formula(kind: type) -> None:
             expected += list(0.5 + steps[nearest] / 4.0) if near else [0.5, 0.5]
         expected.append(PAIR.depth[nearest] / 6.0 if near else 0.0)
         np.testing.assert_allclose(maps[:, i, j], expected, rtol=1e-5, atol=1e-7)
-
-
-def test_axes_are_the_formula() -> None:
-    maps = Axes().encode(PAIR.top(1), SMALL)
-    (cx, cy), depth = PAIR.xy[0], PAIR.depth[0]
-    for i, j, x, y in cells(SMALL):
-        expected = [math.exp(-((c - at) ** 2) / 1.28) for c, at in ((cx, x), (cy, y))]
-        np.testing.assert_allclose(maps[:, i, j], [*expected, depth / 6.0], rtol=1e-5)
 
 
 def test_depth_does_not_move_with_the_heat() -> None:
@@ -80,32 +71,3 @@ def test_peaks_in_one_another_are_still_read(kind: type) -> None:
 def test_discs_of_less_than_two_cells_are_refused(kind: type) -> None:
     with pytest.raises(UserError, match=r"reach 0\.7 mm, less than 2 cells of 0\.4 mm"):
         kind(reach=0.7).encode(PAIR, GRID)
-
-
-def test_axes_refuse_two_contacts() -> None:
-    with pytest.raises(UserError, match=r"shows one contact a frame, but a frame holds 2; take"):
-        Axes().encode(PAIR, GRID)
-    with pytest.raises(UserError, match="holds 2"):
-        Axes().encode_batch([Contacts.none(), PAIR], GRID)
-
-
-def test_axes_need_both_profiles() -> None:
-    encoder = Axes()
-    maps = encoder.encode(PAIR.top(1), GRID)
-    maps[1] *= 0.2
-    assert len(encoder.decode(maps, GRID)) == 0
-    np.testing.assert_allclose(
-        Axes(threshold=0.1).decode(maps, GRID).xy, PAIR.xy[:1], atol=encoder.tolerance
-    )
-
-
-def test_axes_on_profiles_that_are_no_gaussian() -> None:
-    """A spike and a step: the highest cell, and nothing that is not finite."""
-    maps = np.zeros((3, 64, 64), np.float32)
-    maps[0, :, 20] = 0.9
-    maps[1, 40:] = 0.8
-    found = Axes().decode(maps, GRID)
-    assert len(found) == 1
-    row, column = GRID.cells(found.xy[0])
-    assert abs(column - 20) < 1
-    assert 39 <= row <= 64

@@ -1,13 +1,31 @@
-"""Pins of one sensor, seen on the layout of another sensor of the same make.
+"""Frames of sensors of one make, seen as the camera of one of them would see them.
+
+Pins of one sensor, seen on the layout of another sensor of the same make.
 
 A camera that is turned, shifted or nearer shows the same pins elsewhere. The similarity that takes
 the pins at rest to those of a reference layout undoes this, for places and for displacements. What
 remains is the difference between the two sensors themselves.
+
+A common view of sensors with different pins: displacements on a lattice that all layouts share.
+
+A layout is measured by itself. Its centre is the mean of its pins. Its axes are stretched so that
+the pins spread alike along both, which undoes frames that were resized unevenly; its unit is the
+mean distance of the six outermost pins from the centre, the corners of a hexagonal layout or some
+of the outer ring of a round one. What a TacTip with 127 and one with 331 pins have in common is
+this outline, not the pitch or the mean radius of their pins.
+
+Between the pins displacements are interpolated by kriging with a linear trend (Rasmussen and
+Williams 2006, eq. 2.41 and 2.42): with K the covariance of the pins, k that of a lattice point with
+them, and H = [1, x, y] of the pins,
+
+    weights = h B + k K^-1 (I - H B),    B = (H' K^-1 H)^-1 H' K^-1
+
+so that shifts, turns and stretches of all pins are carried over exactly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,10 +36,114 @@ import numpy.typing as npt
 
 from tactibench.contacts import Frame, Pose
 from tactibench.errors import UserError
+from tactibench.images import gray_frames
 from tactibench.markers.pin_tracker import BySensor, PinTracker
 from tactibench.markers.tracker import Tracks
 
 Array = npt.NDArray[np.float64]
+
+RINGS, REACH = 6, 0.8
+"""Rings of the lattice, which has 127 points, and radius of the last one in units of the layout:
+beyond 0.8 a hexagonal layout has pins in its corners only."""
+OUTERMOST = 6
+"""Pins whose mean radius is the size of a layout: a hexagon has six corners, and one pin may be
+lost."""
+LENGTH = 0.35
+"""Length over which displacements are alike, units of the layout; dimples of a dome are wider."""
+NUGGET = 1e-3
+"""Variance of a pin's own motion, as a share of that of the field."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The unit by which a layout of pins is measured.
+
+    Attributes:
+        centre: (2,) px.
+        scale: (2,) px along x and y that are one unit.
+    """
+
+    centre: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, rest: Array) -> Self:
+        """Return the outline of pins (P, 2) px at rest.
+
+        Raises:
+            UserError: The pins lie on a line, or are fewer than seven.
+        """
+        centre = rest.mean(axis=0)
+        spread = np.sqrt(np.square(rest - centre).mean(axis=0))
+        if len(rest) <= OUTERMOST or not spread.min() > 1e-3 * spread.max():
+            raise UserError(
+                f"{len(rest)} pins lie on a line or are too few to see a sensor's outline by; a "
+                "model that moves between sensors needs a rest frame with all pins."
+            )
+        stretch = spread / np.sqrt(spread.prod())
+        radius = np.hypot(*((rest - centre) / stretch).T)
+        return cls(centre, stretch * np.sort(radius)[-OUTERMOST:].mean())
+
+    def places(self, xy: Array) -> Array:
+        """Return places (..., 2) px relative to the centre, in units of the layout."""
+        return np.asarray((xy - self.centre) / self.scale, dtype=np.float64)
+
+
+def common_lattice() -> Array:
+    """Return the (L, 2) points of the lattice, in units of a layout.
+
+    Ring k around the centre has 6 k points, and the last ring lies at ``REACH`` units.
+    """
+    points = [(0.0, 0.0)]
+    for ring in range(1, RINGS + 1):
+        turns = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
+        radius = REACH * ring / RINGS
+        points += list(zip(radius * np.cos(turns), radius * np.sin(turns), strict=True))
+    return np.array(points)
+
+
+def kriging_weights(places: Array, points: Array) -> Array:
+    """Return (L, P) weights that give a field at points (L, 2) from its values at places (P, 2)."""
+    trend, target = _linear(places), _linear(points)
+    inverse = np.linalg.inv(_covariance(places, places) + NUGGET * np.eye(len(places)))
+    slope = np.linalg.solve(trend.T @ inverse @ trend, trend.T @ inverse)
+    residual = np.eye(len(places)) - trend @ slope
+    return np.asarray(target @ slope + _covariance(points, places) @ inverse @ residual)
+
+
+def common_view(rest: Array, points: Array) -> Callable[[Array], Array]:
+    """Return a function from displacements of pins to those on the common lattice.
+
+    It turns displacements (N, 2 P) px, x of all before y of all, into (N, 2 L) in units of the
+    layout.
+
+    Args:
+        rest: (P, 2) px, the pins at rest.
+        points: (L, 2) points of the lattice, in units of the layout.
+
+    Raises:
+        UserError: The pins lie on a line, or are fewer than seven.
+    """
+    outline = Outline.of(rest)
+    weights = kriging_weights(outline.places(rest), points)
+
+    def view(moved: Array) -> Array:
+        x, y = np.split(moved, 2, axis=1)
+        unit_x, unit_y = outline.scale
+        return np.concatenate([x @ weights.T / unit_x, y @ weights.T / unit_y], axis=1)
+
+    return view
+
+
+def _linear(xy: Array) -> Array:
+    return np.column_stack([np.ones(len(xy)), xy])
+
+
+def _covariance(a: Array, b: Array) -> Array:
+    square = np.square(a[:, None] - b).sum(axis=-1)
+    return np.asarray(np.exp(-0.5 * square / LENGTH**2), dtype=np.float64)
+
+
 Flags = npt.NDArray[np.bool_]
 Images = npt.NDArray[np.uint8]
 
@@ -345,3 +467,114 @@ def _settle(
         if settled:
             break
     return view, nearest, matched
+
+
+@dataclass(frozen=True, eq=False)
+class _Sensor:
+    """A sensor whose frames were seen.
+
+    Attributes:
+        rest: The rest image as the frames carry it.
+        view: From the reference layout to (size, size) images of this sensor; None: they are the
+            same.
+        seen: (size, size) rest image on the reference layout.
+    """
+
+    rest: Images
+    view: Similarity | None
+    seen: Images
+
+
+class AlignedImages:
+    """Images in which the pins at rest lie, as nearly as a similarity can, on a reference layout.
+
+    Frames of the reference sensor stay as they are. Frames without a rest image are taken for its
+    frames. Where the reference sensor shows no pins, all frames stay as they are.
+
+    Attributes:
+        rest: (size, size) gray, the reference sensor at rest.
+    """
+
+    def __init__(self, rest: Images) -> None:
+        self.rest = rest
+        self._sensors: list[_Sensor] = []
+
+    @classmethod
+    def of(cls, frames: Sequence[Frame], size: int) -> Self | None:
+        """Return images on the layout of the first frame's sensor.
+
+        Args:
+            frames: Frames of sensors of one make.
+            size: Height and width of the images, px.
+
+        Returns:
+            The images; None where there is no frame or a frame has no rest image.
+        """
+        rests = [rest for frame in frames if (rest := frame.rest_image) is not None]
+        return cls(_sized(rests[0], size)) if frames and len(rests) == len(frames) else None
+
+    def __call__(self, frames: Sequence[Frame]) -> Images:
+        """Return (N, 2, size, size): every frame, and its sensor at rest.
+
+        Raises:
+            UserError: A sensor's pins are not those of the reference sensor.
+        """
+        out = np.empty((len(frames), 2, *self.rest.shape), dtype=np.uint8)
+        out[:, 0], out[:, 1] = gray_frames(frames, len(self.rest)), self.rest
+        for row, frame in enumerate(frames):
+            if (rest := frame.rest_image) is not None:
+                sensor = self._sensor(rest)
+                out[row, 1] = sensor.seen
+                if sensor.view is not None:
+                    out[row, 0] = _seen_from(out[row, 0], sensor.view)
+        return out
+
+    def _sensor(self, rest: Images) -> _Sensor:
+        for sensor in self._sensors:
+            if sensor.rest is rest or np.array_equal(sensor.rest, rest):
+                return sensor
+        size = len(self.rest)
+        image, view = _sized(rest, size), None
+        if self._layout is not None and not np.array_equal(image, self.rest):
+            pins = PinTracker.of([Frame(rest, 0.0, Pose(), rest)])
+            view = _resizing(pins.side, size).after(AlignedPins(pins, self._layout).view)
+        seen = image if view is None else _seen_from(image, view)
+        self._sensors.append(_Sensor(rest, view, seen))
+        return self._sensors[-1]
+
+    @cached_property
+    def _layout(self) -> npt.NDArray[np.float64] | None:
+        """(P, 2) px of the reference sensor's pins; None: it shows none."""
+        try:
+            return PinTracker(self.rest).rest
+        except UserError:
+            return None
+
+
+def _sized(rest: Images, size: int) -> Images:
+    (image,) = gray_frames([Frame(rest, 0.0, Pose())], size)
+    return np.asarray(image)
+
+
+def _resizing(side: int, size: int) -> Similarity:
+    """Return the map from places in an image of ``side`` px to those in its copy of ``size`` px.
+
+    Places are those of pixels' centres: the first corner lies at -1/2 in both.
+    """
+    ratio = size / side
+    return Similarity(ratio * np.eye(2), np.full(2, (ratio - 1) / 2))
+
+
+def _seen_from(image: Images, view: Similarity) -> Images:
+    """Return the (S, S) image whose pixel at x shows ``image`` at ``view(x)``.
+
+    Beyond the border of ``image`` its outermost pixels are repeated.
+    """
+    import cv2
+
+    placed = np.column_stack([view.matrix, view.shift])
+    how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpAffine(
+        image, placed, image.shape[::-1], flags=how, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(warped, dtype=np.uint8)

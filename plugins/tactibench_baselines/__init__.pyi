@@ -1,0 +1,6 @@
+"""Public names of tactibench_baselines, and the modules that define them."""
+
+from .nearest import MeanModel as MeanModel
+from .nearest import NearestModel as NearestModel
+from .nearest import pack as pack
+from .nearest import unpack as unpack
