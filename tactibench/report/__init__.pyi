@@ -29,9 +29,7 @@ from .distance_plot import Series as Series
 from .distance_plot import by_distance as by_distance
 from .distance_plot import distance_figure as distance_figure
 from .distance_plot import distance_series as distance_series
-from .distance_plot import fitted_series as fitted_series
 from .distance_plot import logistic_fit as logistic_fit
-from .distance_plot import threshold_figure as threshold_figure
 from .frame_plots import FrameExample as FrameExample
 from .frame_plots import Prediction as Prediction
 from .frame_plots import extent as extent

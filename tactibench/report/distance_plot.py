@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,6 @@ FEW = 0.5
 """Share of resolved pairs below which a mark is hollow: its error is that of few pairs."""
 CURVE_POINTS = 56
 """Distances at which a fitted curve is drawn."""
-THRESHOLD_TITLE = "Pairs seen as two; large mark: the threshold, at which 75 % are resolved"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,6 @@ class Series:
         label: Label of the row.
         model: Name of the model.
         error: Error over resolved pairs, mm.
-        penalised: Error in which an unresolved pair counts its true distance, mm.
         resolved: Share of pairs resolved.
         fit: (2, M) distance and share of the logistic fit; None where a seed has none.
         threshold: Distance at which 75 % are resolved, mm.
@@ -61,7 +59,6 @@ class Series:
     label: str
     model: str
     error: FloatArray
-    penalised: FloatArray
     resolved: FloatArray
     fit: FloatArray | None = None
     threshold: PooledMetric | None = None
@@ -74,13 +71,20 @@ class Series:
 
 
 def distance_series(row: Row) -> Series:
-    """Return the metrics of a row by distance."""
+    """Return the metrics of a row by distance, with the mean of the logistic fits of its seeds."""
+    resolved, fit = by_distance(row, "resolved"), None
+    if len(resolved) > 1:
+        distance = np.linspace(resolved[0, 0], resolved[-1, 0], CURVE_POINTS)
+        fits = [logistic_fit(record, distance) for record in row.records]
+        curves = [curve for curve in fits if curve is not None]
+        fit = np.stack([distance, np.mean(curves, axis=0)]) if len(curves) == len(fits) else None
     return Series(
         row.label,
         row.first.model.name,
         by_distance(row, "distance_mae_mm"),
-        by_distance(row, "distance_penalised_mm"),
-        by_distance(row, "resolved"),
+        resolved,
+        fit,
+        row.metric("threshold_mm", "all"),
     )
 
 
@@ -105,39 +109,46 @@ def distance_figure(
     published: Sequence[PublishedTable] = (),
     measured_on: str = "",
 ) -> Figure:
-    """Draw distance error against distance with intervals, and the resolved share below it.
+    """Draw the distance error with intervals, and below it the share of pairs resolved as two.
+
+    The line of the shares is the mean of the logistic fits of the seeds, with a large mark at the
+    threshold of 75 %; where a seed has no fit, the points are joined.
 
     Args:
         series: Rows in the order of the legend.
         published: Tables whose mean distance errors become dashed lines.
         measured_on: Printed as subtitle, such as "simulated sensor tactip-127".
     """
-    figure = new_figure(8.0, 6.0)
-    errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    figure = new_figure(8.0, 7.0)
+    errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for line, look, shift in dodged(series):
         label = short_label(line.label)
         label += "" if len(line.error) else ": no pair resolved"
         show_line(errors, line.error, shift, look, label, hollow=line.few)
-        show_line(shares, line.resolved * [1, 100, 100, 100], shift, look)
+        points = line.resolved * [1, 100, 100, 100]
+        joined = look if line.fit is None else Look(look.color, look.marker, "none")
+        show_line(shares, points, shift, joined)
+        if line.fit is not None:
+            shares.plot(line.fit[0], 100 * line.fit[1], color=look.color, linestyle=look.line)
+        if line.threshold is not None and not line.threshold.censored:
+            shares.plot(line.threshold.value, 75, markersize=11, **look.points)
+    shares.axhline(75, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
     means = published_means(published)
-    log_errors(errors, [line.error for line in series], [value for _, value in means])
+    _log_errors(errors, [line.error for line in series], [value for _, value in means])
     _show_published(errors, means)
     errors.set_ylabel("error of the distance, mm\n(mean over resolved pairs)")
-    share_axis(shares)
-    finish(figure, (errors, shares), "Two-point discrimination", series, measured_on)
+    shares.set(ylim=(-6, 106), yticks=[0, 25, 50, 75, 100], ylabel="pairs resolved\nas two, %")
+    shares.set_xlabel("true distance of the two tips, mm")
+    shares.xaxis.set_major_locator(MultipleLocator(1.0))
+    for axes in (errors, shares):
+        plain(axes)
+    if series:
+        legend_below(figure, min(3, len(series)), *errors.get_legend_handles_labels())
+    few = any(line.few.any() for line in series)
+    hollow = "hollow: less than half resolved" if few else ""
+    title = "Two-point discrimination; large mark: the threshold, at which 75 % are resolved"
+    headline(figure, title, measured_on, "bars: 95 % interval over presses", hollow)
     return figure
-
-
-def fitted_series(row: Row) -> Series:
-    """Return the metrics of a row by distance, with the mean of the logistic fits of its seeds."""
-    series = distance_series(row)
-    fit = None
-    if len(series.resolved) > 1:
-        distance = np.linspace(series.resolved[0, 0], series.resolved[-1, 0], CURVE_POINTS)
-        fits = [logistic_fit(record, distance) for record in row.records]
-        curves = [curve for curve in fits if curve is not None]
-        fit = np.stack([distance, np.mean(curves, axis=0)]) if len(curves) == len(fits) else None
-    return replace(series, fit=fit, threshold=row.metric("threshold_mm", "all"))
 
 
 def logistic_fit(record: Record, distance: FloatArray) -> FloatArray | None:
@@ -166,36 +177,6 @@ def logistic_fit(record: Record, distance: FloatArray) -> FloatArray | None:
     slope = Profile(tested, np.rint(share * trials), trials).slope(middle, lapse)
     eta = Profile(distance, distance, distance).logit(middle, slope, lapse)
     return np.asarray((1 - lapse) * expit(eta)[0])
-
-
-@in_own_style
-def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figure:
-    """Draw the penalised error, and the share seen as two with its fit and threshold.
-
-    The fit is the mean of the seeds' fits; where a seed has none, the points are joined.
-
-    Args:
-        series: Rows in the order of the legend.
-        measured_on: Printed as subtitle.
-    """
-    figure = new_figure(8.0, 7.2)
-    errors, shares = figure.subplots(2, 1, sharex=True)
-    for line, look, shift in dodged(series):
-        show_line(errors, line.penalised, shift, look, short_label(line.label))
-        points = line.resolved * [1, 100, 100, 100]
-        if line.fit is None:
-            show_line(shares, points, shift, look)
-        else:
-            show_line(shares, points, shift, Look(look.color, look.marker, "none"))
-            shares.plot(line.fit[0], 100 * line.fit[1], color=look.color, linestyle=look.line)
-        if line.threshold is not None and not line.threshold.censored:
-            shares.plot(line.threshold.value, 75, markersize=11, **look.points)
-    shares.axhline(75, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
-    log_errors(errors, [line.penalised for line in series])
-    errors.set_ylabel("penalised error\nof the distance, mm")
-    share_axis(shares)
-    finish(figure, (errors, shares), THRESHOLD_TITLE, series, measured_on)
-    return figure
 
 
 def dodged(series: Sequence[Series]) -> list[tuple[Series, Look, float]]:
@@ -245,7 +226,7 @@ def show_line(
         axes.plot(x[hollow] + shift, value[hollow], linestyle="none", **few, **look.points)
 
 
-def log_errors(axes: Axes, tables: Sequence[FloatArray], others: Sequence[float] = ()) -> None:
+def _log_errors(axes: Axes, tables: Sequence[FloatArray], others: Sequence[float] = ()) -> None:
     """Set a logarithmic axis of errors, because the errors of the models span decades.
 
     Args:
@@ -258,39 +239,6 @@ def log_errors(axes: Axes, tables: Sequence[FloatArray], others: Sequence[float]
         high = max([*values, *(float(table[:, 3].max(initial=0.0)) for table in tables)])
         axes.set(yscale="log", ylim=(min(values) / 1.5, high * 1.3))
         log_ticks(axes.yaxis)
-
-
-def share_axis(axes: Axes) -> None:
-    """Set both axes of a panel of resolved shares by distance."""
-    axes.set_ylim(-6, 106)
-    axes.set_yticks([0, 25, 50, 75, 100])
-    axes.set_ylabel("pairs resolved\nas two, %")
-    axes.set_xlabel("true distance of the two tips, mm")
-    axes.xaxis.set_major_locator(MultipleLocator(1.0))
-
-
-def finish(
-    figure: Figure, panels: tuple[Axes, Axes], title: str, series: Sequence[Series], where: str
-) -> None:
-    """Add grid, legend and headline.
-
-    Args:
-        figure: The figure.
-        panels: Panels of errors and of shares.
-        title: Title of the picture.
-        series: Rows that are drawn.
-        where: Subtitle: what the rows were measured on.
-    """
-    for axes in panels:
-        plain(axes)
-    if series:
-        handles, labels = panels[0].get_legend_handles_labels()
-        columns = min(3, len(series))
-        legend_below(figure, columns, handles, labels)
-    details = [where, "bars: 95 % interval over presses"]
-    if title.startswith("Two-point") and any(line.few.any() for line in series):
-        details.append("hollow: less than half resolved")
-    headline(figure, title, *details)
 
 
 def _show_published(axes: Axes, means: Sequence[tuple[str, float]]) -> None:

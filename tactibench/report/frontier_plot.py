@@ -1,8 +1,8 @@
-"""Speed against error: every point with its number, the frontier as a line, the names in a key."""
+"""Speed against error: every point with its number, the frontier as a line, names in a key."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,23 +28,18 @@ from tactibench.report.style import (
     short_label,
 )
 
-Box = tuple[float, float, float, float]
-LINE_INCH, LETTER_INCH = 0.17, 0.066
-"""Height of a number, and width of one of its digits, inches."""
-WIDE_INCH, NARROW_INCH = 8.4, 4.3
-"""Approximate width of a single panel, and of each of two beside each other, inches."""
 HEIGHT_INCH = 3.4
 COLUMNS = 2
 """Columns of the key: a name of a row is up to half as long as the picture is wide."""
-TINY = 1e-12
-"""Value that replaces 0, which a logarithmic axis does not have."""
-GAP = 0.09
-"""Distance between a point and its number, inches."""
-STRANGE = 0.12
-"""Distance between a number and the points of other rows, inches."""
 KEY_INCH = 0.2
 """Height of a line of the key, inches."""
 FADED = 0.45
+WIDE_INCH = 8.6
+"""Approximate width of all panels beside each other."""
+GAP_INCH = 0.15
+"""Distance between a number and the points and numbers around it."""
+BESIDE_INCH = [(x, y) for x in (0.13, -0.13, 0.0) for y in (0.11, -0.11)] + [(0.17, 0), (-0.17, 0)]
+"""Places of a number beside its point, in the order in which they are tried."""
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
 NOMINAL = "nominal"
 
@@ -144,7 +139,6 @@ def frontier_figure(
     lines = -(-(len(models) + 3) // COLUMNS)
     figure = new_figure(9.5, HEIGHT_INCH * down + 0.7 + KEY_INCH * lines)
     panels = figure.subplots(down, across, squeeze=False)
-    size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
     for axes, (condition, frontier) in zip(panels.flat, drawn, strict=False):
         if points:
             alike = [p for other, one in drawn if other.axis == condition.axis for p in one.points]
@@ -152,7 +146,7 @@ def frontier_figure(
         _show_line(axes, frontier.best)
         for point in frontier.points:
             _show_point(axes, point, hollow=point.label in frontier.dominated)
-        _show_numbers(axes, frontier, size, numbers)
+        _show_numbers(axes, frontier, WIDE_INCH / across, numbers)
         names = filter(None, (f"trained in regime {frontier.regime}", condition.title))
         axes.set_title("\n".join(map(short_label, names)), fontsize=9.5, loc="left")
         axes.set_ylabel(condition.axis or f"{error.name}, {error.unit}")
@@ -189,16 +183,16 @@ def _show_point(axes: Axes, point: Point, *, hollow: bool) -> None:
         elinewidth=1.1,
         alpha=FADED if hollow else 1.0,
     )
-    face = "white" if hollow else look.color
     axes.plot(
         x.value,
         y.value,
         linestyle="none",
+        marker=look.marker,
         markersize=7,
         markeredgewidth=1.4,
-        markerfacecolor=face,
+        markerfacecolor="white" if hollow else look.color,
+        markeredgecolor=look.color,
         zorder=3,
-        **look.points,
     )
 
 
@@ -239,102 +233,37 @@ def _show_line(axes: Axes, best: Sequence[Point]) -> None:
     )
 
 
-def _show_numbers(
-    axes: Axes, frontier: Frontier, size: tuple[float, float], numbers: Mapping[str, int]
-) -> None:
-    """Write the number of each point beside it, where no other number or point stands.
+def _show_numbers(axes: Axes, frontier: Frontier, width: float, numbers: Mapping[str, int]) -> None:
+    """Write the number of each point beside it, at the first place that is free, or else freest.
 
     Args:
         axes: Panel with its limits set.
         frontier: Points of the panel.
-        size: Width and height of the panel, inches.
+        width: Width of the panel, inches.
         numbers: Label of a row -> its number.
     """
-    low, high = (np.log(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
-    values = [(point.latency.value, point.error.value) for point in frontier.points]
-    places = [tuple((np.log(value) - low) / (high - low) * size) for value in values]
-    occupied: list[Box] = []
-    lines = [
-        tuple(np.ravel((np.log(np.maximum(ends, TINY)) - low) / (high - low) * size))
-        for ends in [*_bars(frontier.points), *_steps(frontier.best, axes.get_xlim()[1])]
-    ]
-    for point, (x, y) in zip(frontier.points, places, strict=True):
-        number = f"{numbers[point.label]}{'' if settled(point.row) else '*'}"
-        boxes = _boxes_beside(x, y, LETTER_INCH * len(number), size)
-        points = [
-            _around(place, GAP if place == (x, y) else STRANGE) for place in places
-        ]  # a number must not seem to belong to another point
-        near = [_around(place, GAP) for place in places]
-        # A number across a bar is better than none; one between points of almost one place, which
-        # the key tells apart, than one across another number.
-        tries = ([*points, *occupied, *lines], [*points, *occupied], [*near, *occupied], occupied)
-        free = (_first_free(boxes, taken) for taken in tries)
-        box = next((box for box in free if box is not None), boxes[0])
-        occupied.append(box)
+    low, high = np.log([axes.get_xlim(), axes.get_ylim()]).T
+    points = [(point.latency.value, point.error.value) for point in frontier.points]
+    places = (np.log(points) - low) / (high - low) * (width, HEIGHT_INCH - 0.5)
+    taken = list(places)
+    for k, (point, place) in enumerate(zip(frontier.points, places, strict=True)):
+        gaps = []
+        for offset in BESIDE_INCH:
+            others = np.array([*taken[:k], *taken[k + 1 :]]).reshape(-1, 2)
+            gaps.append(np.linalg.norm(others - place - offset, axis=1).min(initial=1.0))
+        free = [gap > GAP_INCH for gap in gaps]
+        best = free.index(True) if any(free) else int(np.argmax(gaps))
+        taken.append(place + BESIDE_INCH[best])
         axes.annotate(
-            number,
-            ((box[0] + box[2]) / 2 / size[0], (box[1] + box[3]) / 2 / size[1]),
-            xycoords="axes fraction",
+            f"{numbers[point.label]}{'' if settled(point.row) else '*'}",
+            (point.latency.value, point.error.value),
+            (72 * BESIDE_INCH[best][0], 72 * BESIDE_INCH[best][1]),
+            textcoords="offset points",
             ha="center",
             va="center",
             fontsize=8,
             color=GREY if point.label in frontier.dominated else "black",
-            annotation_clip=False,
         )
-
-
-def _around(place: tuple[float, ...], gap: float) -> Box:
-    x, y = place
-    return x - gap, y - gap, x + gap, y + gap
-
-
-def _bars(points: Sequence[Point]) -> Iterator[list[tuple[float, float]]]:
-    """Yield the ends of all bars, lower left and upper right, in the units of the axes."""
-    for point in points:
-        x, y = point.latency, point.error
-        yield [(x.low, y.value), (x.high, y.value)]
-        yield [(x.value, y.low), (x.value, y.high)]
-
-
-def _steps(best: Sequence[Point], right: float) -> Iterator[list[tuple[float, float]]]:
-    """Yield the ends of the pieces of the line, lower left and upper right."""
-    x = [*(point.latency.value for point in best), right]
-    for k, point in enumerate(best):
-        y = point.error.value
-        yield [(x[k], y), (x[k + 1], y)]
-        if k:
-            yield [(x[k], y), (x[k], best[k - 1].error.value)]
-
-
-def _boxes_beside(x: float, y: float, width: float, size: tuple[float, float]) -> list[Box]:
-    """Return the boxes that a number of a point may have: left, bottom, right, top, inches.
-
-    They are in the order in which they are tried: above or below to the right, then to the left,
-    then above and below the middle, then beside.
-
-    Args:
-        x: Place of the point from the left of the panel, inches.
-        y: Place of the point from the bottom of the panel, inches.
-        width: Width of the number, inches.
-        size: Width and height of the panel, inches.
-    """
-    up, half = 0.8 * LINE_INCH, LINE_INCH / 2
-    places = [(x + GAP, y + s * up) for s in (1, -1)]
-    places += [(x - GAP - width, y + s * up) for s in (1, -1)]
-    places += [(x - width / 2, y + s * 1.1 * LINE_INCH) for s in (1, -1)]
-    places += [(x + 1.6 * GAP, y), (x - 1.6 * GAP - width, y)]
-    boxes = [(left, middle - half, left + width, middle + half) for left, middle in places]
-    inside = [b for b in boxes if b[0] > 0 and b[1] > 0 and b[2] < size[0] and b[3] < size[1]]
-    return inside or boxes
-
-
-def _first_free(boxes: Sequence[Box], taken: Sequence[Box]) -> Box | None:
-    return next((b for b in boxes if not any(_overlap(b, t) for t in taken)), None)
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    apart = one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
-    return not apart
 
 
 def _other_marks(*, unsettled: bool) -> list[Line2D]:

@@ -17,7 +17,7 @@ from tactibench.metrics import Trials, gospa_per_frame
 from tactibench.protocols import board_spec
 from tactibench.report.board_pages import PageSection, machine_words
 from tactibench.report.curve_plots import LEARNING, curve_figure, doubling_figure, stability_figure
-from tactibench.report.distance_plot import distance_figure, fitted_series, threshold_figure
+from tactibench.report.distance_plot import distance_figure, distance_series
 from tactibench.report.frame_plots import worst_frames_figure
 from tactibench.report.frontier_plot import frontier_figure, off_nominal
 from tactibench.report.plot_data import frontier_table
@@ -96,21 +96,15 @@ def _all_panels(
         "not the nominal one."
     )
     yield Panel("Speed against error", caption, _frontiers(part, board, sections), "timed on")
-    series = [line for line in map(fitted_series, rows) if len(line.resolved) > 1]
+    series = [line for line in map(distance_series, rows) if len(line.resolved) > 1]
     yield Panel(
         "Error against distance",
         "Means over seeds; bars: 95 % over presses. Hollow: less than half of the pairs were "
         "resolved, so that the error is one of few. Dashed lines: published means over all "
-        "distances, of another sensor and other presses.",
+        "distances, of another sensor and other presses. Below: share of pairs resolved (exactly "
+        "two contacts predicted, both matched), and the logistic fit behind the threshold; where "
+        "no fit crosses 75 % at any tested distance, the points are joined instead.",
         _options(series, partial(distance_figure, published=board.published, measured_on=where)),
-    )
-    yield Panel(
-        "Seen as two",
-        "Above: an unresolved pair counts its true distance. Below: share of pairs resolved "
-        "(exactly two contacts predicted, both matched), and the logistic fit behind the "
-        "threshold. Fits are means over seeds; where one does not cross 75 % at any tested "
-        "distance, the points are joined instead.",
-        _options(series, partial(threshold_figure, measured_on=where)),
     )
     if error is not None:
         untitled = replace(LEARNING, title="")
