@@ -15,7 +15,7 @@ def tactibench_sensors() -> list[SensorSpec]:
         SensorSpec(
             "recorded",
             "tactibench_recorded.sensor:RecordedSensor",
-            "a folder of recorded frames: targets.csv, CSV, Hugging Face, or a data set",
+            "a folder of recorded frames: targets.csv, CSV, or a data set",
             (
                 Parameter(
                     "range",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -35,11 +35,11 @@ pose is about 5 mm from first touch; the offset moves all depths of a recording 
 class RecordedSensor(Sensor):
     """A sensor that answers the presses of a folder of recorded frames.
 
-    The folder is of the Bristol convention, has a CSV file, is a Hugging Face image folder, or a
-    data set. Scenes that it knows (data sets, tables with x_mm, y_mm and depth_mm) are taken as
-    they are. Other labels are read as a plate's: depth = depth label + ``depth_offset_mm`` +
-    ``pivot_mm`` (1 - cos tilt) + ``pivot_side_mm`` sin tilt, tilt = tilt label. Everything is
-    checked when the sensor is built. Frames without a scene are left out.
+    The folder is of the Bristol convention, has a CSV file, or is a data set. Scenes that it knows
+    (data sets, tables with x_mm, y_mm and depth_mm) are taken as they are. Other labels are read as
+    a plate's: depth = depth label + ``depth_offset_mm`` + ``pivot_mm`` (1 - cos tilt) +
+    ``pivot_side_mm`` sin tilt, tilt = tilt label. Everything is checked when the sensor is built.
+    Frames without a scene are left out.
 
     Args:
         context: Circumstances of the run, with the folder in ``context.data``; ``hooks.py`` tells
@@ -89,11 +89,10 @@ class RecordedSensor(Sensor):
         self._rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
         if not self._rows:
             raise UserError(f"{context.data} has no frame of which it is known what was pressed.")
-        self._scenes = _number_repeated(scene for scene in scenes if scene is not None)
+        self._scenes = tuple(scene for scene in scenes if scene is not None)
         self._split = _split_subsets(recording, split) if split else {}
         if not trust_labels and self._label_fit is None:  # a fit has checked them
             self._refuse_contradictions()
-        self._number = {scene: number for number, scene in enumerate(self._scenes)}
         self.signal = "channels" if isinstance(recording.kind, ChannelKind) else "image"
         if recording.dome_radius_mm is not None and recording.dataset is not None:
             self.dome_radius_mm = recording.dome_radius_mm
@@ -102,7 +101,7 @@ class RecordedSensor(Sensor):
             self.workspace = own_workspace(self._scenes, radius, always=range == "own")
 
     def scenes(self) -> dict[str, Scene]:
-        """Return name of a frame -> scene, in the order of the table; no two scenes are equal."""
+        """Return name of a frame -> scene, in the order of the table."""
         return dict(zip(self._of_frames(self._recording.names), self._scenes, strict=True))
 
     def presses(self) -> dict[str, str]:
@@ -128,24 +127,28 @@ class RecordedSensor(Sensor):
         return Frame(self._rest_signal, -1.0, Pose(), self._rest_signal)
 
     def press(self, scene: Scene) -> Frame:
-        """Return the frame of a scene.
+        """Return the first frame of a scene.
 
         Raises:
             UserError: The scene was not recorded.
         """
-        return self._frame(self._find(scene))
+        if scene not in self._scenes:
+            kinds = sorted({recorded.indenter.name for recorded in self._scenes})
+            raise UserError(
+                f"{self._recording.folder} is a recording of {len(self._scenes):,} presses by "
+                f"{', '.join(kinds)} and has none by {scene.indenter.name!r} at this pose; use it "
+                "with a protocol that takes its own presses, as 'surface' does."
+            )
+        return self._frame(self._scenes.index(scene))
 
-    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        """Yield the frames of scenes in order; threads decode some ahead (which frees the GIL).
-
-        Raises:
-            UserError: A scene was not recorded.
-        """
+    def frames(self, names: Iterable[str]) -> Iterator[Frame]:
+        """Yield the frames of these names; threads decode some ahead (which frees the GIL)."""
+        number_of = {name: number for number, name in enumerate(self.scenes())}
         waiting: deque[Future[Frame]] = deque()
         with ThreadPoolExecutor(_THREADS) as pool:
             try:
-                for scene in scenes:
-                    waiting.append(pool.submit(self._frame, self._find(scene)))
+                for name in names:
+                    waiting.append(pool.submit(self._frame, number_of[name]))
                     if len(waiting) >= _PREFETCH:
                         yield waiting.popleft().result()
                 while waiting:
@@ -184,12 +187,6 @@ class RecordedSensor(Sensor):
         signal = self._recording.signal(self._rows[number])
         return Frame(signal, float(number), self._scenes[number].pose, self._rest_signal)
 
-    def _find(self, scene: Scene) -> int:
-        number = self._number.get(scene)
-        if number is None:
-            raise UserError(self._not_recorded(scene))
-        return number
-
     def _of_frames(self, values: Sequence[str]) -> list[str]:
         """Return what the frames with a scene have, of the values of all rows."""
         return [values[row] for row in self._rows]
@@ -225,19 +222,6 @@ class RecordedSensor(Sensor):
                 "Correct the table or the parameters of the import; if the labels are right, run "
                 "with --param sensor.trust_labels=yes, which the row will show."
             )
-
-    def _not_recorded(self, scene: Scene) -> str:
-        poses, pose = [scene.pose for scene in self._scenes], scene.pose
-        depth, tilt = [pose.depth for pose in poses], [pose.tilt for pose in poses]
-        kinds = sorted({scene.indenter.name.partition(" #")[0] for scene in self._scenes})
-        content = "plate presses" if kinds == ["plate"] else f"presses by {', '.join(kinds)}"
-        return (
-            f"{self._recording.folder} is a recording of {len(poses):,} {content} "
-            f"(depth {min(depth):.2f} to {max(depth):.2f} mm, tilt {min(tilt):.1f} to "
-            f"{max(tilt):.1f} deg) and has no press of {scene.indenter.name!r} at x {pose.x:g} mm, "
-            f"y {pose.y:g} mm, depth {pose.depth:g} mm, tilt {pose.tilt:g} deg; use it with a "
-            "protocol that takes its own presses, as 'surface' does."
-        )
 
 
 def _described_kind(recording: Recording) -> dict[str, Any]:
@@ -280,20 +264,3 @@ def _split_subsets(recording: Recording, name: str) -> dict[str, str]:
         for frame, number in zip(recording.names, ids, strict=True)
         if number in subset_of
     }
-
-
-def _number_repeated(scenes: Iterable[Scene]) -> tuple[Scene, ...]:
-    """Return the scenes with the indenters of repeated presses named 'plate #2', 'plate #3' ....
-
-    Every frame then has a scene of its own, by which it can be found.
-    """
-    times: Counter[Scene] = Counter()
-    numbered = []
-    for scene in scenes:
-        times[scene] += 1
-        if times[scene] > 1:
-            name = f"{scene.indenter.name} #{times[scene]}"
-            numbered.append(replace(scene, indenter=replace(scene.indenter, name=name)))
-        else:
-            numbered.append(scene)
-    return tuple(numbered)

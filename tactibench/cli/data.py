@@ -206,7 +206,7 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
     "--format",
     "format_",
     metavar="NAME",
-    help="bristol, csv or huggingface; default: what the folder looks like.",
+    help="bristol or csv; default: what the folder looks like.",
 )
 @param_option("NAME=VALUE", "Say where labels are and what they mean; --params lists them.")
 @click.option(
@@ -237,9 +237,9 @@ def import_folder(
 ) -> None:
     """Read a folder of recorded frames into the new data set TARGET.
 
-    SOURCE is a Bristol folder (targets.csv and frames), a folder with a CSV file, or a Hugging Face
-    image folder. Frames are checked and kept byte for byte. Labels become contacts where --param
-    indenter says what pressed; `tactibench data fit SOURCE` finds a plate's offset_mm and pivot_mm.
+    SOURCE is a Bristol folder (targets.csv and frames) or a folder with a CSV file. Frames are
+    checked and kept byte for byte. Labels become contacts where --param indenter says what pressed;
+    `tactibench data fit SOURCE` finds a plate's offset_mm and pivot_mm.
     With --guess columns are recognised by their names; read the file that it writes, correct it,
     and import again with --map.
 
@@ -426,7 +426,7 @@ def print_labels_report(terminal: Terminal, report: LabelReport) -> None:
     terminal.say(f"labels held against {report.presses:,} frames")
     for fact in report.facts:
         terminal.say(f"  {fact}")
-    for wrong in (*report.contradictions, *report.doubts):
+    for wrong in report.contradictions:
         terminal.say(f"  WARNING: {wrong}")
 
 

@@ -46,7 +46,6 @@ from .pivot import RecordingFit as RecordingFit
 from .pivot import direction_of as direction_of
 from .pivot import fit_pivot as fit_pivot
 from .pivot import fit_recording as fit_recording
-from .pivot import lean_of as lean_of
 from .pivot import middle_of_spread as middle_of_spread
 from .pivot import presses_to_fit as presses_to_fit
 from .pivot import spread_of as spread_of

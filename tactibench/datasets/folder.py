@@ -6,8 +6,7 @@ Frames are looked for inside their folder only; every file is read once, checked
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,7 +16,6 @@ import numpy.typing as npt
 import tactibench
 from tactibench.contacts import Signal
 from tactibench.datasets.dataset import Dataset, open_dataset
-from tactibench.datasets.files import SUBSETS, Split
 from tactibench.datasets.formats import (
     FORMATS,
     READERS,
@@ -25,6 +23,7 @@ from tactibench.datasets.formats import (
     FolderContent,
     check_folder,
     find_format,
+    recording_folder,
 )
 from tactibench.datasets.labels import (
     choose_indenter,
@@ -76,6 +75,7 @@ def open_recording(
     """
     options = options or ImportOptions()
     check_folder(folder)
+    folder = recording_folder(folder)
     if options.channels:
         from tactibench.datasets.vectors import read_vectors
 
@@ -104,6 +104,8 @@ def _read_frames(content: FolderContent, options: ImportOptions) -> Recording:
         table, names, rows, options, name=content.name_column, columns=content.label_columns
     )
     kind, sha256 = check_frames(content.data, paths, rest)
+    left_out = len(names) - len(rows)
+    skipped = [f"rows of {table.path.name} left out, no file: {left_out:,}."] if left_out else []
     recording = Recording(
         format=content.format,
         generation=content.generation,
@@ -114,9 +116,8 @@ def _read_frames(content: FolderContent, options: ImportOptions) -> Recording:
         stored=kind,
         rest=rest,
         sha256=sha256,
-        splits=_renumber_splits(content.splits, rows),
         about=content.about,
-        notes=_notes(content, len(names) - len(rows), paths, rest),
+        notes=(*content.notes, *skipped),
         **facts,
     )
     return prepare_frames(recording, options.light)
@@ -304,41 +305,6 @@ def check_frames(table: bytes, paths: Sequence[Path], rest: Path | None) -> tupl
     return first, digest.hexdigest()
 
 
-def _renumber_splits(splits: Mapping[str, Split], rows: Sequence[int]) -> dict[str, Split]:
-    """Return the splits in the numbers of the rows that are left."""
-    number_of = {row: number for number, row in enumerate(rows)}
-    return {
-        name: Split(
-            *(
-                tuple(number_of[row] for row in getattr(split, subset) if row in number_of)
-                for subset in SUBSETS
-            )
-        )
-        for name, split in splits.items()
-    }
-
-
-def _notes(
-    content: FolderContent, skipped: int, paths: Sequence[Path], rest: Path | None
-) -> tuple[str, ...]:
-    notes = [*content.notes]
-    if skipped:
-        notes.append(f"{_count(skipped, 'row')} of {content.table.path.name} left out: no file.")
-    listed = {str(path) for path in (*paths, rest)}
-    folders = {os.path.dirname(path) for path in map(str, paths)}  # noqa: PTH120 - of thousands
-    entries = (entry for folder in folders for entry in os.scandir(folder))
-    others = sorted(e.name for e in entries if e.name.endswith(".png") and e.path not in listed)
-    if others:
-        notes.append(
-            f"{_count(len(others), 'PNG file')} that no row names left out, first {others[0]}."
-        )
-    return tuple(notes)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
-
-
 def import_folder(
     source: Path | Recording,
     target: Path,
@@ -418,8 +384,6 @@ def _write(recording: Recording, folder: Path, options: ImportOptions, advance: 
                     recording.signal(row)
                 raise
             advance(len(rows))
-        for name, split in recording.splits.items():
-            writer.split(name, split.train, split.validation, split.test)
 
 
 def _draft(recording: Recording, row: int) -> Draft:

@@ -4,23 +4,17 @@ bristol      targets.csv of the Bristol tactile stack. Generations differ in the
              the frames (image_name; sensor_image), in the labels (pose_1 ... pose_6; pose_x ...
              pose_Rz, with shear_* and object_*), in the folder of the frames and in the files that
              say how they were taken (meta.json; *_params.json).
-huggingface  image folders of Hugging Face `datasets`: metadata.jsonl or metadata.csv, in the folder
-             itself or in each folder of a split. Nested objects become columns `outer.inner`.
 csv          one CSV file that names frames, with labels beside the names.
 """
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from tactibench.datasets.files import Split
 from tactibench.datasets.options import AUTO, FRAME_FOLDERS, ImportOptions
 from tactibench.datasets.schema import is_dataset
 from tactibench.datasets.tables import Table, read_table
@@ -29,21 +23,14 @@ from tactibench.png import read_file
 from tactibench.records import read_json
 
 TARGETS = ("targets.csv", "targets_images.csv")
-METADATA = ("metadata.jsonl", "metadata.csv")
 NAME_COLUMNS = ("image_name", "sensor_image")
 NAMES = ("file_name", "filename", *NAME_COLUMNS, "image", "frame", "file", "path", "name")
 """Columns of a CSV file that may name the frames, in order."""
 
-BRISTOL, HUGGINGFACE, CSV, V1 = "bristol", "huggingface", "csv", "v1"
+BRISTOL, CSV, V1 = "bristol", "csv", "v1"
 
 _ABOUT = ("meta.json", "*_params.json")
 _LABEL = re.compile(r"(pose|move|shear|object)_([1-6]|[xyz]|R[xyz])")
-_SUBSETS = {
-    **dict.fromkeys(("train", "training"), "train"),
-    **dict.fromkeys(("validation", "val", "valid", "dev"), "validation"),
-    "test": "test",
-}
-"""Names of folders that hold a subset."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +47,6 @@ class FolderContent:
         frame_folders: Folders in which frames are looked for, in order.
         rest_folder: Folder in which the undeformed frame is looked for.
         label_columns: Columns that must be numbers; None: all columns that are mostly numbers.
-        splits: Name -> split of the table's row numbers.
         about: Name of a file beside the table -> its content.
         notes: Sentences about files beside the table that were left out.
     """
@@ -74,7 +60,6 @@ class FolderContent:
     frame_folders: tuple[Path, ...]
     rest_folder: Path
     label_columns: tuple[str, ...] | None = None
-    splits: Mapping[str, Split] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -84,14 +69,20 @@ def find_targets(folder: Path) -> Path | None:
     return next((folder / name for name in TARGETS if (folder / name).is_file()), None)
 
 
+def recording_folder(folder: Path) -> Path:
+    """Return the folder, or the one directly in it that alone is a Bristol recording."""
+    if is_dataset(folder) or any(folder.glob("*.csv")):
+        return folder
+    inner = [child for child in folder.iterdir() if child.is_dir() and find_targets(child)]
+    return inner[0] if len(inner) == 1 else folder
+
+
 def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
     """Read the table of a folder and the files that say how its frames were taken.
 
     Raises:
         UserError: The table or a column is missing, or cannot be read.
     """
-    if not (options.table or find_targets(folder)):
-        folder = _only_recording(folder)
     path = folder / options.table if options.table else find_targets(folder)
     if path is None or not path.is_file():
         raise UserError(f"{folder} holds no {options.table or TARGETS[0]}; name another folder.")
@@ -122,21 +113,6 @@ def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
     )
 
 
-def _only_recording(folder: Path) -> Path:
-    recordings = _inner_recordings(folder)
-    if not recordings:
-        raise UserError(f"{folder} holds no {TARGETS[0]}, nor does any folder directly in it.")
-    if len(recordings) > 1:
-        names = ", ".join(child.name for child in recordings)
-        raise UserError(f"{folder} holds several recordings ({names}); give one of them.")
-    return recordings[0]
-
-
-def _inner_recordings(folder: Path) -> list[Path]:
-    """Return the Bristol folders directly in a folder."""
-    return sorted(child for child in folder.iterdir() if child.is_dir() and find_targets(child))
-
-
 def _frames_folder(folder: Path, name: str) -> Path:
     names = FRAME_FOLDERS if name == AUTO else (name,)
     for candidate in names:
@@ -145,89 +121,6 @@ def _frames_folder(folder: Path, name: str) -> Path:
     if name == AUTO and any(folder.glob("*.png")):  # frames beside the table
         return folder
     raise UserError(f"{folder} holds no folder of frames; looked for {', '.join(names)}.")
-
-
-def metadata_files(folder: Path) -> list[Path]:
-    """Return the tables of an image folder: its own, or those of the folders directly in it."""
-    for places in ([folder], sorted(child for child in folder.iterdir() if child.is_dir())):
-        files = [
-            next((place / name for name in METADATA if (place / name).is_file()), None)
-            for place in places
-        ]
-        if any(files):
-            return [path for path in files if path]
-    return []
-
-
-def read_huggingface(folder: Path, options: ImportOptions) -> FolderContent:
-    """Read the tables of an image folder; folders named after subsets are a split.
-
-    Raises:
-        UserError: There is no table, or it cannot be read.
-    """
-    paths = [folder / options.table] if options.table else metadata_files(folder)
-    if not paths:
-        raise UserError(
-            f"{folder} holds no {' or '.join(METADATA)}, nor does any folder directly in it; name "
-            "another folder or another format."
-        )
-    name = options.column or "file_name"
-    files, parts = [], []
-    subsets: dict[str, range] = {}
-    count = 0
-    for path in paths:
-        files.append(read_file(path))
-        read = _read_lines if path.suffix == ".jsonl" else read_table
-        table = read(path, files[-1])
-        cells = table.cells
-        table.column(name)
-        if path.parent != folder:
-            cells = cells.assign(**{name: f"{path.parent.name}/" + cells[name]})
-            subset = _SUBSETS.get(path.parent.name.lower(), path.parent.name)
-            subsets[subset] = range(count, count + len(cells))
-        parts.append(cells)
-        count += len(cells)
-    named = subsets.keys() <= set(_SUBSETS.values()) and len(subsets) == len(paths)
-    cells = pd.concat(parts, ignore_index=True).fillna("")
-    cells = cells[[name, *sorted(set(cells.columns) - {name})]]
-    return FolderContent(
-        HUGGINGFACE,
-        f"{paths[0].name}, {len(paths)} table{'s' if len(paths) > 1 else ''}",
-        folder,
-        Table(paths[0], cells),
-        b"".join(files),
-        name,
-        (folder,),
-        folder,
-        splits={"imported": Split.of(**subsets)} if named else {},
-    )
-
-
-def _read_lines(path: Path, data: bytes) -> Table:
-    rows = []
-    # str.splitlines() would also split at U+2028 and others, which JSON allows inside of texts.
-    for number, line in enumerate(data.decode("utf-8-sig", "replace").split("\n"), start=1):
-        try:
-            value = json.loads(line) if line.strip() else {}
-        except (ValueError, RecursionError) as error:
-            raise UserError(f"{path} line {number} is no JSON: {error}; fix it.") from None
-        if not isinstance(value, dict):
-            raise UserError(f"{path} line {number} is no JSON object; fix it.")
-        if value:
-            rows.append(dict(_flatten(value)))
-    if not rows:
-        raise UserError(f"{path} has no rows; it must list at least one frame.")
-    return Table(path, pd.DataFrame(rows, dtype=str).fillna(""))
-
-
-def _flatten(value: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for key, item in value.items():
-        if isinstance(item, dict):
-            yield from _flatten(item, f"{prefix}{key}.")
-        elif isinstance(item, str):
-            yield prefix + key, item
-        elif item is not None:
-            yield prefix + key, json.dumps(item)
 
 
 def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
@@ -273,7 +166,7 @@ def _table_path(folder: Path, name: str) -> Path:
     )
 
 
-READERS = {BRISTOL: read_bristol, HUGGINGFACE: read_huggingface, CSV: read_csv}
+READERS = {BRISTOL: read_bristol, CSV: read_csv}
 FORMATS = tuple(READERS)
 """Formats that can be imported."""
 
@@ -290,15 +183,11 @@ def find_format(folder: Path) -> str:
     if (targets := find_targets(folder)) is not None:
         columns = read_table(targets, read_file(targets)).columns
         return BRISTOL if set(NAME_COLUMNS) & set(columns) else CSV
-    if _inner_recordings(folder):
-        return BRISTOL
-    if metadata_files(folder):
-        return HUGGINGFACE
     if any(folder.glob("*.csv")):
         return CSV
     raise UserError(
-        f"{folder} holds no {TARGETS[0]}, nor does any folder directly in it, and neither a "
-        "dataset.json, a metadata.jsonl nor another CSV file; name a folder of recorded frames."
+        f"{folder} holds no {TARGETS[0]}, no dataset.json and no other CSV file; name a folder of "
+        "recorded frames."
     )
 
 

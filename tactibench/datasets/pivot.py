@@ -65,9 +65,6 @@ and 21 mm in the public recordings; thousands where a tilt in rad or a depth in 
 or mm."""
 SHALLOWEST_MM = 0.1
 """A deepest press below this was not given in mm."""
-MOST_ASKEW_DEG = 45.0
-"""Largest angle between the direction in which the pins spread and that from which they lean: 2 and
-0 deg in the public recordings."""
 
 _BATCH = 64
 """Frames whose pins are followed at once."""
@@ -123,7 +120,6 @@ class RecordingFit:
         pins: Number of pins that were followed.
         lean_deg: Direction on the frame in which a positive tilt moves the contact, 0: right,
             90: down. It is found from the places about which the pins spread.
-        askew_deg: Angle between that direction and the one from which the pins lean, deg.
         following: Correlation of sin t with the place about which the pins spread.
         untouched_mm: Median indentation of the presses that were left out; 0 where there are none.
         deepest_mm: Largest indentation.
@@ -134,7 +130,6 @@ class RecordingFit:
     shear: tuple[str, ...]
     pins: int
     lean_deg: float
-    askew_deg: float
     following: float
     untouched_mm: float
     deepest_mm: float = math.inf
@@ -176,10 +171,6 @@ class RecordingFit:
                 "the pins do not spread where the plate is tilted to (correlation "
                 f"{self.following:.2f}, at least {LEAST_FOLLOWING:g} is needed)"
             )
-        if self.askew_deg > MOST_ASKEW_DEG:
-            return (
-                f"the direction of tilt is {self.askew_deg:.0f} deg from where the pins lean from"
-            )
         return ""
 
 
@@ -219,13 +210,12 @@ def fit_recording(
     tracker = Tracker(rest)
     shear_columns = _changing(labels, _SHEAR)
     rows = _least_sheared(recording, _changing(labels, _TRAVEL), most)
-    spread, shift, middle = np.empty(len(rows)), np.empty((len(rows), 2)), np.empty((len(rows), 2))
+    spread, middle = np.empty(len(rows)), np.empty((len(rows), 2))
     for start in range(0, len(rows), _BATCH):
         batch = rows[start : start + _BATCH]
         tracks = tracker.track(np.stack([recording.image(int(row)) for row in batch]))
         moved = tracks.xy - tracker.rest
         spread[start : start + _BATCH] = spread_of(moved)
-        shift[start : start + _BATCH] = moved.mean(axis=1)
         middle[start : start + _BATCH] = middle_of_spread(moved, tracker.rest)
         advance(len(batch))
     depth, tilt = (signed_column(labels, columns[role])[rows] for role in ("depth", "tilt"))
@@ -236,14 +226,12 @@ def fit_recording(
     untouched = ~_touching(spread)
     deep = indentation(depth, tilt, pivot.offset_mm, pivot.pivot_mm, pivot.side_mm)
     towards, following = direction_of(middle[~untouched], tilt[~untouched])
-    askew = (towards - lean_of(shift, tilt, shear) + 180) % 360 - 180
     return RecordingFit(
         pivot,
         columns,
         shear_columns,
         len(tracker.rest),
         lean_deg=towards,
-        askew_deg=abs(askew),
         following=following,
         untouched_mm=float(np.median(deep[untouched])) if untouched.any() else 0.0,
         deepest_mm=float(deep.max()),
@@ -434,17 +422,3 @@ def direction_of(middle: FloatArray, tilt: FloatArray) -> tuple[float, float]:
     along = middle @ slope
     alike = float(np.corrcoef(along, sine)[0, 1]) if np.ptp(along) > 0 else 0.0
     return math.degrees(math.atan2(slope[1], slope[0])), alike
-
-
-def lean_of(shift: FloatArray, tilt: FloatArray, shear: FloatArray | None = None) -> float:
-    """Return where on the frame a positive tilt moves the contact, deg: 0 right, 90 down.
-
-    Args:
-        shift: (N, 2) mean displacement of a press's pins, px; they lean away from the contact.
-        tilt: (N,) tilts of the plate, deg.
-        shear: (N, S) labels of how the plate was dragged along.
-    """
-    columns = np.zeros((len(tilt), 0)) if shear is None else shear
-    terms = np.column_stack([np.ones(len(tilt)), np.sin(np.radians(tilt)), columns])
-    away = np.linalg.lstsq(terms, shift, rcond=None)[0][1]
-    return math.degrees(math.atan2(-away[1], -away[0]))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,9 +52,6 @@ frames."""
 LEAST_ALIKE = 0.6
 """Least rank correlation of a place with that of the press whose channels are most alike: .99 on
 the magnetic skin of eFlesh, 0 where a column belongs to other frames or is no place."""
-AGAINST_DEG = 90.0
-"""A positive tilt moves the contact down the frame (90 deg) in the public recordings and on the
-simulated sensors; at more than this angle from there, it rather moves up."""
 MOST_STRETCHED = 4.0
 """Largest ratio of the scales of x and y on the frame: 1 to 1.3 where a camera looks along the
 axis."""
@@ -63,9 +59,6 @@ _DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
 """Limits of the deepest press of a set: no soft sensor gives way farther, or shows less."""
 _WIDEST_MM = 200.0
 """Largest distance of a place from the middle: no such sensor is so wide."""
-_LAGS = (-3, -2, -1, 1, 2, 3)
-_CLEARLY = 0.1
-"""Rows are shifted where the depth of another row correlates better by this than the row's own."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +69,11 @@ class LabelReport:
         presses: Number of presses that were checked.
         facts: The findings.
         contradictions: Facts that cannot be true at once, with the remedy; empty where all agree.
-        doubts: Facts that may be wrong, but are right on some sensors; no run is refused for them.
     """
 
     presses: int
     facts: tuple[str, ...] = ()
     contradictions: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
 
 
 def check_labels(
@@ -134,17 +125,10 @@ def _check_plates(
         "90: down)",
     )
     contradiction = fit.contradiction()
-    doubts = []
-    if not contradiction and abs((fit.lean_deg - 90.0 + 180.0) % 360.0 - 180.0) > AGAINST_DEG:
-        doubts.append(
-            "a positive tilt moves the contact up the frame, where other recordings have it move "
-            "down: the tilt counts the other way (write -COLUMN), or the camera is turned"
-        )
     return LabelReport(
         pivot.presses + pivot.left_out,
         facts,
         (contradiction,) if contradiction else (),
-        tuple(doubts),
     )
 
 
@@ -192,12 +176,6 @@ def _check_tips(
     if channels:
         presses = np.array(recording.presses)[rows]
         wrong += _unlike(_deviations(recording, rows), places, presses, facts)
-    lag = _better_lag(rows, moved, depth)
-    if lag:
-        wrong.append(
-            f"the depths fit the frames {abs(lag)} row{'s' if abs(lag) > 1 else ''} "
-            f"{'later' if lag > 0 else 'earlier'} better than their own: the rows are shifted"
-        )
     return LabelReport(len(rows), tuple(facts), tuple(wrong))
 
 
@@ -205,14 +183,10 @@ def cached_report(
     recording: Recording, scenes: Sequence[Scene | None], options: ImportOptions
 ) -> LabelReport:
     """Return the result of ``check_labels``, which is kept in the cache."""
-    path = _cache_file("labels", recording, options.changed())
-    try:
-        stored = read_checked_json(path)
-        return LabelReport(stored.pop("presses"), **{k: tuple(v) for k, v in stored.items()})
-    except (UserError, KeyError, TypeError):
-        report = check_labels(recording, scenes, options)
-        write_checked_json(path, asdict(report))
-        return report
+    report = _cached(
+        "labels", recording, options.changed(), lambda: check_labels(recording, scenes, options)
+    )
+    return LabelReport(report.pop("presses"), **{k: tuple(v) for k, v in report.items()})
 
 
 def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
@@ -226,15 +200,10 @@ def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
         UserError: The recording cannot be fitted, see ``fit_recording``, or its pins contradict the
             labels.
     """
-    path = _cache_file("fits", recording, [options.depth, options.tilt])
-    try:
-        stored = read_checked_json(path)
-        fit = RecordingFit(
-            **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
-        )
-    except (UserError, KeyError, TypeError):
-        fit = fit_recording(recording, options)
-        write_checked_json(path, asdict(fit))
+    columns = [options.depth, options.tilt]
+    stored = _cached("fits", recording, columns, lambda: fit_recording(recording, options))
+    pivot, shear = Pivot(**stored.pop("pivot")), tuple(stored.pop("shear"))
+    fit = RecordingFit(pivot=pivot, shear=shear, **stored)
     if contradiction := fit.contradiction():
         raise UserError(
             f"the labels of {recording.folder} give no indentation: {contradiction}; correct the "
@@ -243,13 +212,19 @@ def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
     return fit
 
 
-def _cache_file(kind: str, recording: Recording, options: Any) -> Path:
-    """Return the cache file of a result; equal recordings, options and code have equal files."""
+def _cached(
+    kind: str, recording: Recording, options: Any, make: Callable[[], LabelReport | RecordingFit]
+) -> dict[str, Any]:
+    """Return a result as JSON values; equal recordings, options and code have one file."""
     code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
     key = digest({"recording": recording.sha256, "options": options, "code": code})
     path = cache_folder() / kind / f"{key[:24]}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path
+    try:
+        return read_checked_json(path)
+    except UserError:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_checked_json(path, asdict(make()))
+        return read_checked_json(path)
 
 
 def _thinned(rows: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
@@ -392,19 +367,3 @@ def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str
     turn = math.degrees(math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))
     facts.append(f"the camera is turned by {turn:.0f} deg against x and y")
     return []
-
-
-def _better_lag(rows: npt.NDArray[np.intp], moved: FloatArray, depth: FloatArray) -> int:
-    """Return by how many rows the depths would have to move to fit clearly better; 0: they fit."""
-    unshifted = abs(_rank_correlation(moved, depth[rows]))
-    best, best_rank = 0, unshifted + _CLEARLY
-    for lag in _LAGS:
-        other = rows - lag
-        inside = (other >= 0) & (other < len(depth))
-        inside[inside] &= np.isfinite(depth[other[inside]])
-        if inside.sum() < FEWEST:
-            continue
-        rank = _rank_correlation(moved[inside], depth[other[inside]])
-        if rank > best_rank:
-            best, best_rank = lag, rank
-    return best

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from tactibench.contacts import Scene, Signal
 from tactibench.datasets.dataset import Dataset, Image, open_dataset
-from tactibench.datasets.files import Split
 from tactibench.datasets.labels import role_columns, scenes_of
 from tactibench.datasets.options import AS_IS, AUTO, PLATE, ImportOptions
 from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Sample
@@ -62,7 +61,7 @@ class Recording:
     """N frames with their labels; every file was read once and is sound.
 
     Attributes:
-        format: "bristol", "csv", "huggingface" or "v1".
+        format: "bristol", "csv", "channels" or "v1".
         generation: The variant of the format, in words.
         folder: The folder that was opened.
         table: The file of the labels.
@@ -77,7 +76,6 @@ class Recording:
         sha256: Hash over the table and the frames.
         columns: Role, such as "depth" -> column.
         extra: Other columns -> (N,) texts.
-        splits: Name -> split of row numbers.
         about: Name of a file beside the table -> its content; of a data set, its source.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         notes: Sentences about facts that were left out or are missing.
@@ -104,7 +102,6 @@ class Recording:
     sha256: str
     columns: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    splits: Mapping[str, Split] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
     dome_radius_mm: float | None = None
     notes: tuple[str, ...] = ()

@@ -120,7 +120,7 @@ class Recording:
     def contents(self) -> str:
         """Return the presses in words, such as "12 presses by dual, 40 by single"."""
         owned = {
-            (scene.indenter.name.partition(" #")[0], press)
+            (scene.indenter.name, press)
             for scene, press in zip(self.scenes, self.presses, strict=True)
         }
         kinds = sorted(Counter(kind for kind, _ in owned).items())
@@ -177,7 +177,7 @@ class RecordedFrameSet(FrameSet):
         sensor = self.recording.sensor
         frames: list[Frame] = []
         with sensor:
-            for frame in sensor.press_many(self.scenes):
+            for frame in sensor.frames(self.names):
                 frames.append(frame)
                 advance(1)
         return Presses(

@@ -283,5 +283,5 @@ def group_of(spec: Protocol, draw: str, scene: Scene) -> str:
         return str(next(near, round(distance, 6)))
     if spec.test.group == "indenter" and spec.draw(draw).offsets_mm:
         return draw  # recordings call any such holder "tips"
-    kind = scene.indenter.name.partition(" #")[0]  # a repeated press of a recording has a number
+    kind = scene.indenter.name
     return kind if spec.test.group == "indenter" else "all"

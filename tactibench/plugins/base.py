@@ -315,6 +315,11 @@ class Sensor(ABC):
         """Press in order; a faster sensor may work ahead. Default: ``press`` one after another."""
         return map(self.press, scenes)
 
+    def frames(self, names: Iterable[str]) -> Iterator[Frame]:
+        """Return the frames of ``scenes`` by their names. Default: each scene is pressed."""
+        scenes = self.scenes() or {}
+        return self.press_many(scenes[name] for name in names)
+
     def scenes(self) -> Mapping[str, Scene] | None:
         """Return the only scenes that the sensor can press: name of a frame -> scene.
 

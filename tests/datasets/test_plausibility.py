@@ -89,8 +89,7 @@ def test_spoiled_labels_of_tips_are_noticed(pressed: Recording, spoil: Spoil, wo
 def test_shifted_rows_are_noticed(pressed: Recording, lag: int) -> None:
     scenes = list(pressed.scenes)
     wrong = contradictions(pressed, tuple(scenes[-lag:] + scenes[:-lag]))
-    assert f"{abs(lag)} row" in wrong
-    assert ("earlier" if lag > 0 else "later") in wrong
+    assert "rows are shifted" in wrong
 
 
 def test_channels_are_held_against_their_depth(tmp_path: Path) -> None:
@@ -108,7 +107,7 @@ def test_channels_are_held_against_their_depth(tmp_path: Path) -> None:
     other = posed(skin, lambda p: replace(p, depth=4.5 - p.depth))
     assert "counts the other way" in contradictions(skin, other)
     shifted = skin.scenes[-1:] + tuple(skin.scenes[:-1])
-    assert "1 row earlier" in contradictions(skin, shifted)
+    assert "rows are shifted" in contradictions(skin, shifted)
     other_rows = rng.permutation(table[:, 0]).tolist()
     wrong_x = tuple(
         Scene(s.indenter, replace(s.pose, x=x))
@@ -146,33 +145,6 @@ def test_places_are_no_plates(pressed: Recording) -> None:
     assert "no plate was tilted" in report.contradictions[0]
 
 
-def test_a_tilt_against_the_convention_is_a_doubt(tmp_path: Path) -> None:
-    """Sixty tilted plates of the simulated sensor: their labels agree, whatever the sign."""
-    rng = np.random.default_rng(3)
-    tilt, depth = rng.uniform((-15, 1.0), (15, 4.0), (60, 2)).T
-    sensor = BoundSpec.named(PluginHost().sensors, "tactip-127", {}).build(
-        SensorContext(np.random.SeedSequence(1))
-    )
-    lines = ["image_name,pose_2,pose_6"]
-    with sensor:
-        (tmp_path / "init_0.png").write_bytes(encode_png(sensor.rest().image))
-        scenes = [
-            Scene(Indenter.plate(), Pose(yaw=90.0, tilt=t, depth=d))
-            for t, d in zip(tilt.tolist(), depth.tolist(), strict=True)
-        ]
-        for number, frame in enumerate(sensor.press_many(scenes)):
-            (tmp_path / f"{number}.png").write_bytes(encode_png(frame.image))
-            lines.append(f"{number}.png,{depth[number]},{tilt[number]}")
-    (tmp_path / "targets.csv").write_text("\n".join(lines))
-    recording = open_recording(tmp_path)
-    labels = dict(recording.labels)
-    right = plates(recording, **labels)
-    assert (right.contradictions, right.doubts) == ((), ())
-    turned = plates(recording, **{**labels, "pose_6": -labels["pose_6"]})
-    assert turned.contradictions == ()
-    assert "up the frame" in turned.doubts[0]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("pins", ["331", "127"])
 def test_the_public_recordings_and_their_spoiled_copies(pins: str) -> None:
@@ -197,8 +169,6 @@ def test_the_public_recordings_and_their_spoiled_copies(pins: str) -> None:
         return check_labels(recording, scenes, ImportOptions()).contradictions
 
     assert report(clean) == ()
-    assert plates(clean, **labels).doubts == ()
-    assert plates(clean, **{**labels, "pose_6": -tilt}).doubts != ()
     missed = [
         name
         for name, change in spoiled.items()

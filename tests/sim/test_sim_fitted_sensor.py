@@ -10,7 +10,7 @@ import pytest
 from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.datasets import lean_of, open_recording
+from tactibench.datasets import direction_of, open_recording
 from tactibench.markers import Tracker
 from tactibench_sim import Fitted127, Fitted331, calibration_of
 
@@ -47,7 +47,7 @@ def test_the_contact_is_found_where_the_tilt_moves_it(yaw):
     sensor = made(drag=0.0)
     tilt = np.linspace(-20, 20, 21)
     moved = sensor.moved([plate(3.0, t, yaw) for t in tilt])
-    found = lean_of(moved.mean(axis=1), tilt)
+    found, _ = direction_of(-moved.mean(axis=1), tilt)
     assert (found - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1.5)  # the camera's roll
 
 

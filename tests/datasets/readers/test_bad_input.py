@@ -166,7 +166,7 @@ def test_folders_that_are_none(tmp_path, refused, first):
     refused(lambda: find_format(tmp_path / "no"), "does not exist")
     refused(lambda: find_format(first / "targets.csv"), "is a file")
     (tmp_path / "empty").mkdir()
-    refused(lambda: find_format(tmp_path / "empty"), "targets.csv", "metadata.jsonl")
+    refused(lambda: find_format(tmp_path / "empty"), "targets.csv", "dataset.json")
     refused(lambda: open_recording(first, format="zip"), "'zip'")
 
 
@@ -183,7 +183,7 @@ def test_targets_that_cannot_be(first, tmp_path, unimported, refused):
 
 
 def test_a_folder_of_several_recordings_and_one_without_frames(first, second, third, refused):
-    refused(lambda: open_recording(first.parent), "first, second, third")
+    refused(lambda: open_recording(first.parent), "no targets.csv", "name a folder")
     (first / "frames_bw").rename(first / "pictures")
     refused(lambda: open_recording(first), "frames_bw, images, sensor_images, processed_images")
 

@@ -103,7 +103,6 @@ GOOD = RecordingFit(
     (),
     331,
     lean_deg=90.0,
-    askew_deg=1.0,
     following=0.95,
     untouched_mm=0.0,
 )
@@ -116,7 +115,6 @@ GOOD = RecordingFit(
         (replace(GOOD, untouched_mm=2.0), "2.0 mm deep"),
         (replace(GOOD, pivot=replace(GOOD.pivot, residual=0.4)), "misfit 40%"),
         (replace(GOOD, following=0.1), "correlation 0.10"),
-        (replace(GOOD, askew_deg=170.0), "170 deg"),
     ],
 )
 def test_pins_contradict_labels_in_words(fit, told):
