@@ -13,8 +13,7 @@ from typing import Any
 
 import click
 
-from tactibench.board import OverviewLine, model_text, read_submissions
-from tactibench.board.overview import overview
+from tactibench.board import OverviewLine, model_text, overview, read_submissions
 from tactibench.protocols import load_protocol, overview_spec, shipped_files
 from tactibench.report import overview_table, table_lines
 

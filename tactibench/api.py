@@ -274,9 +274,9 @@ class Comparisons:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """A mapping for each number, as ``tactibench compare --json`` writes them."""
-        from tactibench.board.compare import rows_of
+        from tactibench.board import comparison_rows
 
-        return rows_of(self.runs, self.pairs)
+        return comparison_rows(self.runs, self.pairs)
 
     @property
     def frame(self) -> pd.DataFrame:

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.board.grouping import section_key
-from tactibench.board.hard_cases import ERROR
-from tactibench.board.rows import label_of, measured_on
+from tactibench.board.model_overview import ERROR
+from tactibench.board.rows import label_of, measured_on, section_key
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics import (
@@ -248,7 +247,9 @@ def left_out(runs: Sequence[StoredRun]) -> list[str]:
     return [metric.name for metric in metrics if metric.root or getattr(metric, field) is None]
 
 
-def rows_of(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+def comparison_rows(
+    runs: Sequence[StoredRun], comparisons: Sequence[Comparison]
+) -> list[dict[str, Any]]:
     """Return the comparisons as tidy rows, whose ``value`` is first minus second."""
     rows = []
     for comparison in comparisons:

@@ -226,7 +226,7 @@ def _summary_line(layer: FloatArray, grid: Grid, depth: float, quantity: str) ->
     return line
 
 
-def rows_of(maps: LimitMaps) -> list[dict[str, Any]]:
+def limit_rows(maps: LimitMaps) -> list[dict[str, Any]]:
     """Return tidy rows with metric, group, value (None: no bound), unit and n.
 
     Further rows hold the shares of presses that are unbounded or refused.

@@ -10,8 +10,8 @@ all. Where a row has no predictions, the intervals on the board are used instead
 too much: the standard deviation of a difference is at most the sum of the two.
 
 Seeds: the spread of each row's own seeds. A model that draws nothing at random when it is trained
-has no spread, and one seed of it is enough. That is believed of models that ship with tactibench
-(``ModelSpec``, ``tactibench check``), not of others; seeds with the same weights count once.
+has no spread, and one seed of it is enough (``ModelSpec``, ``tactibench check``); seeds with the
+same weights count once.
 
 Errors are compared as ratios (differences of logarithms, their variances by the delta method):
 seeds scatter an error by a share of it, so that a model with ten times the error scatters by ten
@@ -34,9 +34,8 @@ from functools import reduce
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.board.predictions import PressErrors
-from tactibench.board.rows import Row, trained_on
-from tactibench.board.shipped import deterministic_models
+from tactibench.board.rows import Row, draws_nothing
+from tactibench.board.submissions import PressErrors
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.protocols import Ranking, board_spec, protocol_files
@@ -279,7 +278,7 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
     trainings = {record.identity.weights_hash: record for record in row.records}
     values = [record.value(by.metric, by.group) for record in trainings.values()]
     seed_values = [value for value in values if value is not None]
-    drawn = len(trainings) > 1 or not draws_nothing(row)
+    drawn = len(trainings) > 1 or not draws_nothing(row.first)
     variance = (
         float(np.var(seed_values, ddof=1)) / len(seed_values) if len(seed_values) > 1 else 0.0
     )
@@ -292,14 +291,6 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
         seed_variance=variance,
         errors=paired,
     )
-
-
-def draws_nothing(row: Row) -> bool:
-    """Return whether trainings of the row draw nothing at random; believed of shipped models.
-
-    A training for another sensor may draw how sensors differ (``kernel`` does).
-    """
-    return row.first.model.name in deterministic_models() and not trained_on(row.first)
 
 
 def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatArray]:

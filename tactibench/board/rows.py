@@ -1,4 +1,4 @@
-"""Rows of a board: one model in one configuration, its training seeds pooled, and its name.
+"""Rows of a board: one model in one configuration, its training seeds pooled, and its costs.
 
 Value: mean over seeds. Interval: mean of the seeds' intervals, end by end. The seeds answer the
 same presses, and the standard deviation of a mean is at most the mean of the standard deviations
@@ -9,14 +9,18 @@ not contain the seeds' own spread, which is ``sd``: their sample standard deviat
 from __future__ import annotations
 
 import math
+import re
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
 
-from tactibench.board.shipped import one_contact_models
 from tactibench.metrics import AXES
-from tactibench.records import Record
-from tactibench.run import SHOTS
+from tactibench.plugins import PluginHost
+from tactibench.records import Record, SpeedRow, canonical, digest
+from tactibench.run import SHOTS, Load
 
 MIXING = "mixing"
 """Parameter of models that can train on frames mixed out of single presses: how many they mix."""
@@ -44,19 +48,21 @@ NOT_STATED = "not stated"
 
 
 def prior_of(record: Record) -> str:
-    """Return what a model knew of contacts that press together, see ``FitReport.prior``.
+    """Return what a model knew of contacts that press together, see ``FitReport.prior``."""
+    return record.training.prior or NOT_STATED
 
-    For a record that is older than this field it follows from the model's parameters and notes.
+
+@cache
+def _deterministic_models() -> frozenset[str]:
+    return frozenset(spec.name for spec in PluginHost().models if spec.deterministic)
+
+
+def draws_nothing(record: Record) -> bool:
+    """Return whether a training draws nothing at random, as the spec of its model says.
+
+    A training for another sensor may draw how sensors differ (``kernel`` does).
     """
-    stated = record.training.prior or record.training.notes.get("prior")
-    if stated:
-        return str(stated)
-    parameters, name = record.model.parameters, record.model.name
-    if mixing_of(record):
-        return NOT_STATED
-    # A network that mixed no frames has nothing but the frames that it was given.
-    no_prior = MIXING in parameters or name in TRIVIAL or name in one_contact_models()
-    return "none" if no_prior else NOT_STATED
+    return record.model.name in _deterministic_models() and not trained_on(record)
 
 
 def model_text(record: Record) -> str:
@@ -99,17 +105,16 @@ class FittedFrames:
 
     Attributes:
         simulator: Frames to which the simulated sensor of the training was fitted.
-        labels: Frames to which offset and pivot of the labels were fitted; None: by an older run,
-            which does not say.
+        labels: Frames to which offset and pivot of the labels were fitted.
     """
 
     simulator: int
-    labels: int | None
+    labels: int
 
     @property
     def known(self) -> int:
-        """Sum of the known numbers; a frame that served both is counted twice."""
-        return self.simulator + (self.labels or 0)
+        """Sum of the two; a frame that served both is counted twice."""
+        return self.simulator + self.labels
 
 
 def fitted_frames(record: Record) -> FittedFrames | None:
@@ -118,11 +123,7 @@ def fitted_frames(record: Record) -> FittedFrames | None:
     if seen is None or test is None or not test.trained_on:
         return None
     fit = seen.described.get("label_fit")
-    labels: int | None = 0
-    if isinstance(fit, Mapping):
-        labels = int(fit["presses"])
-    elif seen.described.get("pivot_mm") not in (None, test.parameters.get("pivot_mm")):
-        labels = None  # a pivot other than the given one was fitted
+    labels = int(fit["presses"]) if isinstance(fit, Mapping) else 0
     return FittedFrames(seen.left_out_calibrated, labels)
 
 
@@ -246,6 +247,15 @@ class Row:
         return self.first.model.name in TRIVIAL
 
     @property
+    def reproduced(self) -> str:
+        """By whom its runs were made again, such as "reproduced by a lab"; else "as submitted"."""
+        notes = [note for record in self.records if (note := record.reproduced) is not None]
+        if not notes:
+            return "as submitted"
+        share = "" if len(notes) == len(self.records) else f"{len(notes)} of {len(self.records)} "
+        return f"{share}reproduced by {' and '.join(sorted({note.by for note in notes}))}"
+
+    @property
     def below_bound(self) -> bool:
         """True where an error is surely below the Cramer-Rao bound, see ``below_bound``."""
         pooled = (self.metric(BOUND, axis) for axis in AXES)
@@ -296,3 +306,151 @@ def _deviation(values: Sequence[float]) -> float:
 def _mean_or_none(ends: Sequence[float | None]) -> float | None:
     given = [end for end in ends if end is not None]
     return statistics.fmean(given) if given and len(given) == len(ends) else None
+
+
+def row_key(record: Record) -> list[Any]:
+    """Return everything that two records must share to be seeds of one row, as JSON values."""
+    encoder = None if record.encoder is None else record.encoder.identity
+    model = record.model.identity
+    key = [section_key(record), model, encoder, record.regime, record.limits.presses]
+    return [*key, record.shots] if record.shots else key
+
+
+def row_anchor(row: Row) -> str:
+    """Return a name for links to a row: it stays the same when rows and seeds are added."""
+    words = re.sub(r"[^a-z0-9]+", "-", row.label.lower()).strip("-")
+    return f"{words[:40].rstrip('-')}-{digest(row_key(row.first))[:8]}"
+
+
+def section_key(record: Record, *, frames: bool = True) -> list[Any]:
+    """Return everything that two records must share to stand in one table, as JSON values.
+
+    These are the question, the sensor and the test frames.
+
+    Args:
+        record: Record of a run.
+        frames: Whether the key holds the hash of the test frames, which nobody can derive without
+            these frames.
+    """
+    test = record.test_sensor
+    key = [
+        record.protocol.id,
+        record.protocol.hash,
+        *training_sensor(record),
+        record.identity.data if frames else None,
+    ]
+    if test is None:
+        return key
+    key += [test.name, test.parameters]
+    return [*key, test.trained_on] if test.trained_on else key
+
+
+def training_sensor(record: Record) -> list[Any]:
+    """Return everything that two records must share to be trained on one sensor, as JSON values."""
+    sensor = record.sensor
+    return [sensor.origin, sensor.name, sensor.parameters]
+
+
+def trained_for(records: Iterable[Record]) -> list[Record]:
+    """Return the records that were tested on the sensor that they were trained for."""
+    return [record for record in records if record.test_sensor is None]
+
+
+def whole(records: Iterable[Record]) -> list[Record]:
+    """Return the records that learned from all presses; the others belong to learning curves."""
+    return [record for record in records if record.limits.presses is None]
+
+
+def rows_of(records: Iterable[Record]) -> list[Row]:
+    """Return records with their seeds pooled, in the order of their labels."""
+    groups: dict[str, list[Record]] = {}
+    for record in records:
+        groups.setdefault(canonical(row_key(record)), []).append(record)
+    seeds = [tuple(sorted(group, key=lambda r: r.seed)) for group in groups.values()]
+    labels = Counter(_shown(records[0]) for records in seeds)
+    rows = [Row(records, _mark(records[0], labels)) for records in seeds]
+    return sorted(rows, key=lambda row: (row.first.shots, row.label, row.presses or 0))
+
+
+def row_on_own_test(row: Row, records: Iterable[Record]) -> Row | None:
+    """Return the row of the same weights on the protocol's own test; None where a seed lacks it.
+
+    Args:
+        row: Row of models that were tested on something else: hidden presses, finite elements,
+            another sensor.
+        records: All records of the same version of the protocol.
+    """
+    weights = [_weights(record) for record in row.records]
+    on_own_test = [record for record in trained_for(records) if _weights(record) in weights]
+    return Row(tuple(on_own_test)) if len(on_own_test) == len(row.records) else None
+
+
+def _weights(record: Record) -> list[Any]:
+    # The hash alone cannot tell apart decoders of one map, nor sensors with equal labels.
+    encoder = None if record.encoder is None else record.encoder.identity
+    return [*training_sensor(record), encoder, record.regime, record.identity.weights_hash]
+
+
+def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:
+    return f" #{digest(row_key(record))[:4]}" if labels[_shown(record)] > 1 else ""
+
+
+def _shown(record: Record) -> tuple[str, int | None]:
+    return label_of(record), record.limits.presses
+
+
+def by_machine(row: Row) -> list[Row]:
+    """Return the row divided by machine: one row for every machine that its seeds were timed on."""
+    groups: dict[str, list[Record]] = {}
+    for record in row.records:
+        groups.setdefault(machine(record), []).append(record)
+    return [Row(tuple(groups[name]), row.mark) for name in sorted(groups)]
+
+
+def frames_per_second(record: Record) -> float | None:
+    """Return the frames per second of the fastest batch size and thread count."""
+    rates = [row.per_s for row in record.speed if row.phase == "total"]
+    return max(rates, default=None)
+
+
+def latency(
+    record: Record,
+    *,
+    threads: int | None,
+    statistic: Literal["p50_ms", "p90_ms"] = "p90_ms",
+) -> float | None:
+    """Return the milliseconds from one frame to its contacts; None where a run was not timed so.
+
+    Args:
+        record: Record of the run.
+        threads: Number of threads; None: the largest number that was timed.
+        statistic: Quantile of the times.
+    """
+    totals = [
+        row
+        for row in record.speed
+        if (row.scenario, row.batch, row.phase) == ("single", 1, "total")
+    ]
+    if threads is None:
+        threads = max((row.threads for row in totals), default=0)
+    return next((getattr(row, statistic) for row in totals if row.threads == threads), None)
+
+
+def machine(record: Record) -> str:
+    """Return the fingerprint of the hardware that a record was timed on."""
+    return record.environment.fingerprint
+
+
+def settled_time(speed: SpeedRow) -> bool:
+    """Return whether a time is settled: its record says so, and others took little meanwhile."""
+    return speed.settled and Load(speed.stolen, speed.foreign).quiet is not False
+
+
+def settled(row: Row) -> bool:
+    """Return whether the times of a row for single frames on one thread are settled."""
+    return all(
+        settled_time(speed)
+        for record in row.records
+        for speed in record.speed
+        if (speed.scenario, speed.threads) == ("single", 1)
+    )

@@ -1,56 +1,97 @@
-"""Committed records, from which a board is made: one small file a run.
+"""Committed records, from which a board is made: two small files a run.
 
 ``leaderboards/submissions/<protocol>/<name>.json`` is the record of a complete run without its
 arrays, without the loss of every epoch, and without the sensor's description of itself, of which
-the hash stays. It is a valid record all the same. ``<name>.npz`` beside it holds the predictions;
-older records have none. A record of a stranger is not trusted: its names must be plain names, and
-its texts must be printable.
+the hash stays. ``<name>.npz`` beside it holds the packed predictions, and under ``ranked.`` the
+error that orders the board, press by press, so that a board ranks its rows without making any
+truth again. Files of strangers are read too: the number, sizes and types of arrays are checked
+before anything is unpacked, and values before a metric reads them.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
-from tactibench.board.grouping import row_key
-from tactibench.board.predictions import (
-    Arrays,
-    PressErrors,
-    answers_file,
-    ranked_errors,
-    read_press_errors,
-)
-from tactibench.board.rows import label_of
+from tactibench.board.rows import label_of, row_key
+from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
+from tactibench.metrics import PlateTrials, Trials, press_shares
 from tactibench.protocols import (
+    Protocol,
     protocol_files,
     recorded_version,
     unknown_protocol,
 )
+from tactibench.protocols.board_spec import board_spec
 from tactibench.records import (
     CHECKSUM,
-    Component,
     Record,
     StoredRun,
     atomic,
     digest,
-    parse_json,
     parse_record,
     read_json,
     refuse_changed,
     with_checksum,
     write_arrays,
 )
+from tactibench.run import FAILURE_COLUMNS as FAILURES
+from tactibench.run import LONGEST_CAUSE, protocol_of, trials_of
+
+Arrays = dict[str, npt.NDArray[Any]]
 
 FOLDER = "submissions"
 LISTS = ("metrics", "speed")
 """Lists of a record that are written one row a line, so that a diff can be read."""
+LARGEST_RECORD = 2**20
+"""Most bytes of a record; the largest committed one has 25 kB."""
+NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
+"""Form of the name of a run, model, encoder or sensor, which is part of file names and pages."""
+LONGEST = 1000
+"""Most characters of a text in a record; the longest in committed records has 188."""
+RANKED = "ranked."
+LARGEST = 64 * 2**20
+"""Most bytes of all arrays of a file, unpacked; exp3 needs a third of a megabyte."""
+LARGEST_PACKED = 8 * 2**20
+"""Most bytes of a file of arrays; the largest committed one has 550 kB."""
+MOST_ARRAYS = 16
+"""Most arrays of a file. One holds five of answers, three of failures, and for each of three tests
+two to rank by."""
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Packings that are read. Others may need gigabytes of memory before they unpack a byte."""
+MOST_CONTACTS = 64
+"""Most contacts in a frame; no protocol presses more than five."""
+FARTHEST = 1e6
+"""Largest value of an answer, mm (a kilometre) or deg: larger ones would overflow when squared."""
+SMALLEST_STD = 1e-9
+"""Smallest standard deviation, mm or deg; an error is divided by it and squared."""
+CONTACTS = {
+    "count": ("i", ()),
+    "xy": ("f", (2,)),
+    "depth": ("f", ()),
+    "score": ("f", ()),
+    "std": ("f", (3,)),
+}
+PLATES = {
+    "given": ("b", ()),
+    "plate_depth": ("f", ()),
+    "plate_tilt": ("f", ()),
+    "plate_std": ("f", (2,)),
+}
+"""Array of packed answers -> letter of its type, and its shape without the first axis."""
+
+
+# -- records -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -91,32 +132,277 @@ def add(run: StoredRun, board: Path) -> Submission:
         board: Folder of the board.
 
     Raises:
-        UserError: The run is partial, its predictions are not those of its record, or its record
-            holds a name or text that a committed record may not have.
+        UserError: The run is partial, answers another version of its protocol, its predictions are
+            not those of its record, or its record holds a name or text that a committed record may
+            not have.
     """
     refuse_partial(run.record, str(run.folder))
     refuse_names(run.record, str(run.folder))
     predicted = run.arrays("predictions")  # raises where they were changed
-    record = Record.model_validate(with_checksum(compact(run.record).json_values()))
+    ranked = ranked_errors(protocol_of(run).spec, run.arrays("truth"), predicted)
+    record = compact(run.record)
     folder = board / FOLDER / record.protocol.id
     path = folder / f"{record.name}.json"
     same = [
-        other for other in _files(folder) if other != path and slot(_read(other)) == slot(record)
+        other
+        for other in folder.glob("*.json")
+        if other != path and slot(read_submission(other)) == slot(record)
     ]
-    write_arrays(answers_file(path), {**predicted, **_ranked(run, predicted)})
-    with atomic(path) as stream:
-        stream.write(text_of(record).encode())
+    write_arrays(answers_file(path), {**predicted, **ranked})
+    write_submission(record, path)
     for other in same:
         other.unlink()
         answers_file(other).unlink(missing_ok=True)
     return Submission(path, tuple(same))
 
 
-def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
-    """Return the errors to rank by."""
-    stated = run.record.protocol
-    protocol = recorded_version(stated.label, stated.hash, str(run.folder))
-    return ranked_errors(protocol.spec, run.arrays("truth"), predicted)
+def write_submission(record: Record, path: Path) -> None:
+    """Write a record with its checksum, as JSON with a line for every key, metric and time."""
+    values = with_checksum(record.json_values())
+    with atomic(path) as stream:
+        stream.write(text_of(Record.model_validate(values)).encode())
+
+
+def text_of(record: Record) -> str:
+    """Return JSON with one line for every key, every metric and every time."""
+    parts = []
+    for name, value in record.json_values().items():
+        if name in LISTS and value:
+            rows = ",\n".join(f"  {_json(row)}" for row in value)
+            parts.append(f" {_json(name)}: [\n{rows}\n ]")
+        else:
+            parts.append(f" {_json(name)}: {_json(value)}")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def committed_protocols(board: Path) -> Iterator[str]:
+    """Yield the protocols that have a folder of committed records."""
+    place = board / FOLDER
+    if place.is_dir():
+        yield from sorted(path.name for path in place.iterdir() if path.is_dir())
+
+
+def check_folder(board: Path) -> None:
+    """Raise UserError where there is no board."""
+    if not board.is_dir():
+        raise UserError(
+            f"there is no board in {board}; name another folder with --board DIR (a checkout of "
+            f"tactibench has leaderboards), or begin a board of your own: `mkdir {board}`."
+        )
+
+
+def read_submissions(board: Path, protocol: str) -> list[Record]:
+    """Return all committed records of a protocol, sorted by the name of the file.
+
+    Raises:
+        UserError: A file is no valid record of a complete run of this protocol, in its present
+            version, under its own name; or two records are of the same row and seed.
+    """
+    records = [read_submission(path) for path in sorted((board / FOLDER / protocol).glob("*.json"))]
+    versions = {(record.protocol.label, record.protocol.hash): record.name for record in records}
+    for (label, content_hash), name in versions.items():
+        recorded_version(label, content_hash, name)
+    refuse_twins(records)
+    return records
+
+
+def records_of(board: Path, protocol: str) -> list[Record]:
+    """Return the committed records of a protocol.
+
+    Raises:
+        UserError: The protocol is unknown, there is no board, or a committed record is invalid.
+    """
+    files = protocol_files()
+    if protocol not in files:
+        raise unknown_protocol(protocol, files)
+    check_folder(board)
+    return read_submissions(board, protocol)
+
+
+def read_submission(path: Path) -> Record:
+    """Return a committed record.
+
+    Raises:
+        UserError: The file is too large or no valid record of a complete run, was changed, or has
+            another name than its record.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise UserError(f"{path} is no plain file.")
+    if path.is_file() and (size := path.stat().st_size) > LARGEST_RECORD:
+        raise UserError(
+            f"{path} has {size:,} bytes, more than the {LARGEST_RECORD:,} that a record may take; "
+            "a committed record holds no arrays and no history."
+        )
+    values = read_json(path)
+    record = parse_record(values, str(path))
+    refuse_changed(values, str(path))
+    refuse_partial(record, str(path))
+    if record.name != path.stem or record.protocol.id != path.resolve().parent.name:
+        raise UserError(
+            f"{path} holds the record {record.name!r} of protocol "
+            f"{record.protocol.id!r}; file and folder must be called so."
+        )
+    _share_keys(record)
+    return record
+
+
+def _share_keys(record: Record) -> None:
+    """Keep the set of keys that rows of a record were read with once, not once a row.
+
+    Such sets take three quarters of the memory of a board. The rows are not changed afterwards.
+    """
+    key_sets: dict[frozenset[str], set[str]] = {}
+    for row in (*record.metrics, *record.speed):
+        keys = row.__pydantic_fields_set__
+        shared = key_sets.setdefault(frozenset(keys), keys)
+        object.__setattr__(row, "__pydantic_fields_set__", shared)
+
+
+def slot(record: Record) -> str:
+    """Return the key of a row and a training seed, which have one record."""
+    return digest([row_key(record), record.seed])
+
+
+def refuse_twins(records: Sequence[Record]) -> None:
+    """Raise UserError for two records of one row and seed: a mean would count the seed twice."""
+    seen: dict[str, Record] = {}
+    for record in records:
+        other = seen.setdefault(slot(record), record)
+        if other is not record:
+            raise UserError(
+                f"{other.name} and {record.name} are both seed {record.seed} of "
+                f"{label_of(record)}; keep one of the two files."
+            )
+
+
+def refuse_partial(record: Record, where: str) -> None:
+    """Raise UserError for a run that was cut short."""
+    if record.partial:
+        raise UserError(
+            f"{where} is a partial run (--quick or --limit) and has no place on a board; run the "
+            "protocol whole."
+        )
+
+
+def refuse_names(record: Record, where: str) -> None:
+    """Raise UserError for a name with markup or a path in it, or a text that is not printable.
+
+    Args:
+        record: A record that is valid otherwise (see ``parse_record``).
+        where: Name of the record in messages.
+    """
+    components = {
+        "model": record.model,
+        "encoder": record.encoder,
+        "sensor": record.sensor,
+        "sensor.tested": record.test_sensor,
+    }
+    names = {"name": record.name, "regime": record.regime, "protocol.id": record.protocol.id}
+    names |= {f"{kind}.name": part.name for kind, part in components.items() if part is not None}
+    for key, name in names.items():
+        if not NAME.fullmatch(name):
+            raise UserError(
+                f"{where}: {key} is {name[:80]!r}; a name may hold letters, digits, '.', '_' and "
+                "'-' only, at most 160, so that it is neither markup nor a path."
+            )
+    for text in _texts(record.json_values()):
+        if len(text) > LONGEST or not text.isprintable():
+            raise UserError(
+                f"{where} holds the text {text[:40]!r}, which is too long or not printable; a text "
+                f"has at most {LONGEST:,} characters and no control characters."
+            )
+    for kind, part in components.items():
+        for key, value in ({} if part is None else part.parameters).items():
+            if isinstance(value, str) and re.search(r"[/\\<>]", value):
+                raise UserError(
+                    f"{where}: {kind}.{key} is {value[:80]!r}; a committed run must not depend on "
+                    "a path, nor hold markup."
+                )
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in a JSON value, keys included."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from value
+        value = list(value.values())
+    if isinstance(value, list):
+        for inner in value:
+            yield from _texts(inner)
+
+
+# -- answers -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PressErrors:
+    """The error that orders a board, press by press.
+
+    Attributes:
+        press: (P,) names, sorted.
+        error: (P,) errors, whose mean is the error of the board: of each press the sum over its
+            frames, over the mean number of frames of a press.
+        apart: The same for tests that are scored apart and have a ranking, by name of the test.
+    """
+
+    press: npt.NDArray[Any]
+    error: FloatArray
+    apart: Mapping[str, PressErrors] = field(default_factory=dict)
+
+
+def answers_file(record_file: Path) -> Path:
+    """Return the file of the predictions of a committed record."""
+    return record_file.with_suffix(".npz")
+
+
+def ranked_errors(
+    spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
+) -> Arrays:
+    """Return the errors that order the board, as arrays of a file; empty where no error does."""
+    if board_spec(spec.label).ranking is None:
+        return {}
+    errors = press_errors_of(spec, truth, predicted)
+    arrays = {"press": errors.press, "error": errors.error}
+    for name, test_errors in errors.apart.items():
+        arrays |= {f"{name}.press": test_errors.press, f"{name}.error": test_errors.error}
+    return {f"{RANKED}{name}": array for name, array in arrays.items()}
+
+
+def press_errors_of(
+    spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
+) -> PressErrors:
+    """Return the errors that order the board of a protocol.
+
+    Args:
+        spec: The protocol.
+        truth: Packed truth of the test frames.
+        predicted: Packed predictions.
+
+    Raises:
+        UserError: No error orders the board.
+    """
+    board = board_spec(spec.label)
+    if board.ranking is None:
+        raise UserError(f"no error orders the board of {spec.id}, so it ranks nothing.")
+    apart = {}
+    for test in spec.test.apart:
+        trials = trials_of(spec, truth, predicted, apart=test)
+        if len(trials) and (by := board.apart.get(test.name)):
+            apart[test.name] = _press_errors(by.metric, "all", trials)
+    group = board.ranking.group if spec.answer == "plate" else "all"  # elsewhere an axis, or all
+    trials = trials_of(spec, truth, predicted)
+    return replace(_press_errors(board.ranking.metric, group, trials), apart=apart)
+
+
+def _press_errors(metric: str, group: str, trials: Trials | PlateTrials) -> PressErrors:
+    error = press_shares(metric, trials, group)
+    finite = np.isfinite(error)
+    return PressErrors(np.unique(trials.press)[finite], error[finite])
 
 
 def press_errors(board: Path, record: Record) -> PressErrors | None:
@@ -142,249 +428,177 @@ def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressE
     return by_name
 
 
-def read_submissions(board: Path, protocol: str) -> list[Record]:
-    """Return all committed records of a protocol, sorted by the name of the file.
+def read_press_errors(path: Path) -> PressErrors | None:
+    """Return the errors that a board ranks by, read from the file of the predictions.
+
+    None where the file is missing, or holds no errors to rank by.
 
     Raises:
-        UserError: A file is no valid record of a complete run of this protocol, in its present
-            version, under its own name; or two records are of the same row and seed.
+        UserError: The file is damaged, or does not hold one finite error a press, in their order.
     """
-    records = [_read(path) for path in _files(board / FOLDER / protocol)]
-    versions = {(record.protocol.label, record.protocol.hash): record.name for record in records}
-    for (label, content_hash), name in versions.items():
-        recorded_version(label, content_hash, name)
-    refuse_twins(records)
-    return records
-
-
-def refuse_twins(records: Sequence[Record]) -> None:
-    """Raise UserError for two records of one row and seed: a mean would count the seed twice."""
-    seen: dict[str, Record] = {}
-    for record in records:
-        other = seen.setdefault(slot(record), record)
-        if other is not record:
+    if not path.is_file():
+        return None
+    arrays = read_answers_file(path, RANKED)
+    read = {}
+    for test in {name.removeprefix(RANKED).rpartition(".")[0] for name in arrays}:
+        begin = f"{RANKED}{test}{'.' * bool(test)}"
+        press, error = (arrays.get(f"{begin}{name}", np.empty(0)) for name in ("press", "error"))
+        fitting = press.dtype.kind == "U" and error.dtype.kind == "f" and error.ndim == 1
+        if (
+            not fitting
+            or press.shape != error.shape
+            or not np.isfinite(error).all()
+            or not (press[1:] > press[:-1]).all()
+        ):
             raise UserError(
-                f"{other.name} and {record.name} are both seed {record.seed} of "
-                f"{label_of(record)}; keep one of the two files."
+                f"{path} does not hold one finite error a press, in the order of the presses; "
+                "submit the run again."
             )
+        read[test] = PressErrors(press, error)
+    main = read.pop("", None)
+    return None if main is None else replace(main, apart=read)
 
 
-def refuse_partial(record: Record, where: str) -> None:
-    """Raise UserError for a run that was cut short."""
-    if record.partial:
-        raise UserError(
-            f"{where} is a partial run (--quick or --limit) and has no place on a board; run the "
-            "protocol whole."
-        )
+def split_ranked(arrays: Arrays) -> tuple[Arrays, Arrays]:
+    """Return the packed answers, and the arrays whose names begin with ``ranked.``."""
+    ranked = {name: array for name, array in arrays.items() if name.startswith(RANKED)}
+    return {name: array for name, array in arrays.items() if name not in ranked}, ranked
 
 
-def slot(record: Record) -> str:
-    """Return the key of a row and a training seed, which have one record."""
-    return digest([row_key(record), record.seed])
+def read_answers_file(path: Path, begin: str = "") -> Arrays:
+    """Return the arrays of a file whose names begin with a text.
 
-
-def text_of(record: Record) -> str:
-    """Return JSON with one line for every key, every metric and every time."""
-    parts = []
-    for name, value in record.json_values().items():
-        if name in LISTS:
-            rows = ",\n".join(f"  {_json(row)}" for row in value)
-            parts.append(f" {_json(name)}: [\n{rows}\n ]" if rows else f" {_json(name)}: []")
-        else:
-            parts.append(f" {_json(name)}: {_json(value)}")
-    return "{\n" + ",\n".join(parts) + "\n}\n"
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
-
-
-def _files(folder: Path) -> Iterable[Path]:
-    return sorted(folder.glob("*.json"))
-
-
-def _read(path: Path) -> Record:
-    values = read_json(path)
-    record = parse_record(values, str(path))
-    refuse_changed(values, str(path))
-    refuse_partial(record, str(path))
-    refuse_misplaced(record, path)
-    _share_keys(record)
-    return record
-
-
-def _share_keys(record: Record) -> None:
-    """Keep the set of keys that rows of a record were read with once, not once a row.
-
-    Such sets take three quarters of the memory of a board. The rows are not changed afterwards.
-    """
-    key_sets: dict[frozenset[str], set[str]] = {}
-    for row in (*record.metrics, *record.speed):
-        keys = row.__pydantic_fields_set__
-        shared = key_sets.setdefault(frozenset(keys), keys)
-        object.__setattr__(row, "__pydantic_fields_set__", shared)
-
-
-def refuse_misplaced(record: Record, path: Path) -> None:
-    """Raise UserError unless file and folder have the names of the record and its protocol."""
-    if record.name != path.stem or record.protocol.id != path.resolve().parent.name:
-        raise UserError(
-            f"{path} holds the record {record.name!r} of protocol "
-            f"{record.protocol.id!r}; file and folder must be called so."
-        )
-
-
-def committed_protocols(board: Path) -> Iterator[str]:
-    """Yield the protocols that have a folder of committed records."""
-    place = board / FOLDER
-    if place.is_dir():
-        yield from sorted(path.name for path in place.iterdir() if path.is_dir())
-
-
-NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
-"""Form of the name of a run, model, encoder or sensor, which is part of file names and pages."""
-LONGEST = 1000
-"""Most characters of a text in a record; the longest in committed records has 188."""
-LARGEST = 2**20
-"""Most bytes of a record; the largest committed one has 25 kB."""
-
-
-MOST_VALUES = 50_000
-"""Most values in a record; the longest committed one has 9,700."""
-DEEPEST = 12
-"""Most lists and objects inside each other; the deepest committed record has 7."""
-LARGEST_NUMBER = 2.0**63
-"""Largest number in a record: a seed has 63 bits, and next in size are operations of a model."""
-
-
-def read_untrusted(path: Path) -> dict[str, Any]:
-    """Return the JSON object in a file of at most LARGEST bytes.
+    The number of arrays, their sizes in the archive's directory, and every array's own header are
+    checked before memory is taken.
 
     Raises:
-        UserError: The file is missing, no plain file or too large, holds no JSON object, or holds
-            too many values, too deep ones, or a number that is too large or not finite.
+        UserError: The file is missing, damaged or too large, or holds other arrays than tactibench
+            writes.
     """
+    if path.is_symlink() or not path.is_file():
+        raise UserError(f"{path} is missing: the answers belong beside the record.")
     try:
-        size = path.stat().st_size
-        if path.is_symlink() or not path.is_file():
-            raise UserError(f"{path} is no plain file.")
-        if size > LARGEST:
-            raise UserError(
-                f"{path} has {size:,} bytes, more than the {LARGEST:,} that a record may take; "
-                "a committed record holds no arrays and no history."
-            )
-        value = parse_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path} does not exist.") from None
-    except (ValueError, RecursionError, OSError) as error:
-        raise UserError(f"{path} cannot be read as JSON: {error}.") from None
-    if not isinstance(value, dict):
-        raise UserError(f"{path} holds a {type(value).__name__}, not a record.")
-    _refuse_extremes(value, str(path))
-    return value
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if (
+                path.stat().st_size > LARGEST_PACKED
+                or len(members) > MOST_ARRAYS
+                or sum(member.file_size for member in members) > LARGEST
+                or any(member.compress_type not in PACKINGS for member in members)
+            ):
+                raise UserError(
+                    f"{path} holds more than the {LARGEST_PACKED:,} bytes, the {MOST_ARRAYS} "
+                    f"arrays or, unpacked, the {LARGEST:,} bytes that answers may take; submit "
+                    "the answers to the test frames alone."
+                )
+            return {
+                member.filename.removesuffix(".npy"): _read_array(archive, member)
+                for member in members
+                if member.filename.startswith(begin)
+            }
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 - what zip, zlib, tokenizer and parser raise
+        raise UserError(
+            f"{path} is no archive of arrays ({type(error).__name__}); submit the run again."
+        ) from None
 
 
-def _refuse_extremes(value: Any, where: str) -> None:
-    """Raise UserError for more values, deeper lists or larger numbers than a record has."""
-    level, count, depth = [value], 0, 0
-    while level:
-        count, depth = count + len(level), depth + 1
-        if count > MOST_VALUES or depth > DEEPEST:
-            raise UserError(
-                f"{where} holds more than {MOST_VALUES:,} values, or lists more than {DEEPEST} "
-                "deep; a committed record holds no arrays and no history."
-            )
-        if any(isinstance(item, int | float) and abs(item) > LARGEST_NUMBER for item in level):
-            raise UserError(f"{where} holds a number beyond {LARGEST_NUMBER:g}.")
-        containers = [
-            item.values() if isinstance(item, dict) else item
-            for item in level
-            if isinstance(item, dict | list)
-        ]
-        level = [inner for item in containers for inner in item]
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    """Return an array whose header tells no other size than the directory of the archive.
+
+    Raises:
+        Exception: The data are damaged; any error of zip, zlib and the parsers.
+    """
+    with archive.open(member) as stream:
+        np.lib.format.read_magic(stream)
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        size = prod(shape) * dtype.itemsize
+        if dtype.hasobject or stream.tell() + size != member.file_size:
+            raise ValueError("an array of objects, or of another size")
+        data = stream.read(size)
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").copy()
 
 
-def refuse_names(record: Record, where: str) -> None:
-    """Raise UserError for a name with markup or a path in it, or a text that is not printable.
+def check_answers(
+    answers: Arrays, kind: str, frames: int, where: str, *, guarded: bool = False
+) -> None:
+    """Raise UserError unless the arrays are packed answers (see ``pack``) to ``frames`` frames.
 
     Args:
-        record: A record that is valid otherwise (see ``parse_record``).
-        where: Name of the record in messages.
+        answers: The arrays.
+        kind: "contacts" or "plate".
+        frames: Number of test frames.
+        where: Name of the file in messages.
+        guarded: Whether the frames on which the model failed are listed beside the answers (see
+            ``Failures``).
     """
-    for key, name in _names(record):
-        if not NAME.fullmatch(name):
-            raise UserError(
-                f"{where}: {key} is {name[:80]!r}; a name may hold letters, digits, '.', '_' and "
-                "'-' only, at most 160, so that it is neither markup nor a path."
-            )
-    for key, text in _texts(record.json_values()):
-        if len(text) > LONGEST or not text.isprintable():
-            raise UserError(
-                f"{where}: {key} holds a text of {len(text):,} characters that is too long or not "
-                f"printable; a text has at most {LONGEST:,} and no control characters."
-            )
-    tested = [] if record.test_sensor is None else [("sensor.tested", record.test_sensor)]
-    for kind, component in (*_components(record), *tested):
-        for key, value in component.parameters.items():
-            if isinstance(value, str) and re.search(r"[/\\<>]", value):
-                raise UserError(
-                    f"{where}: {kind}.{key} is {value[:80]!r}; a committed run must not depend on "
-                    "a path, nor hold markup."
-                )
-
-
-def _components(record: Record) -> Iterator[tuple[str, Component]]:
-    yield "model", record.model
-    yield "sensor", record.sensor
-    if record.encoder is not None:
-        yield "encoder", record.encoder
-
-
-def _names(record: Record) -> Iterator[tuple[str, str]]:
-    yield "name", record.name
-    yield "regime", record.regime
-    yield "protocol.id", record.protocol.id
-    for kind, component in _components(record):
-        yield f"{kind}.name", component.name
-        yield from ((f"{kind}.parameters", name) for name in component.parameters)
-    if record.test_sensor is not None:
-        yield "sensor.tested.name", record.test_sensor.name
-        yield from (("sensor.tested.parameters", name) for name in record.test_sensor.parameters)
-    yield from (("identity.plugins", name) for name in record.identity.plugins)
-    yield from (("training.notes", name) for name in record.training.notes)
-    yield from (("environment.versions", name) for name in record.environment.versions)
-
-
-def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the key and the text of all strings in a JSON value."""
-    if isinstance(value, str):
-        yield key, value
-    elif isinstance(value, Mapping):
-        for name, inner in value.items():
-            yield f"{key}.{name}".lstrip("."), str(name)
-            yield from _texts(inner, f"{key}.{name}".lstrip("."))
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _texts(inner, key)
-
-
-def records_of(board: Path, protocol: str) -> list[Record]:
-    """Return the committed records of a protocol.
-
-    Raises:
-        UserError: The protocol is unknown, there is no board, or a committed record is invalid.
-    """
-    files = protocol_files()
-    if protocol not in files:
-        raise unknown_protocol(protocol, files)
-    check_folder(board)
-    return read_submissions(board, protocol)
-
-
-def check_folder(board: Path) -> None:
-    """Raise UserError where there is no board."""
-    if not board.is_dir():
+    columns = PLATES if kind == "plate" else CONTACTS
+    expected = {**columns, **(FAILURES if guarded else {})}
+    if set(answers) != set(expected):
         raise UserError(
-            f"there is no board in {board}; name another folder with --board DIR (a checkout of "
-            f"tactibench has leaderboards), or begin a board of your own: `mkdir {board}`."
+            f"{where} holds the arrays {', '.join(sorted(answers)) or 'none'}; answers that are "
+            f"{kind} are {', '.join(sorted(expected))}."
+        )
+    for name, (letter, shape) in expected.items():
+        array = answers[name]
+        if array.dtype.kind != letter or array.shape[1:] != shape or array.ndim != 1 + len(shape):
+            raise UserError(
+                f"{where}: array {name!r} has type {array.dtype} and shape {array.shape}, which "
+                "is not how answers are stored; submit the run with `tactibench board submit`."
+            )
+    count = answers["given" if kind == "plate" else "count"]
+    if len(count) != frames:
+        raise UserError(
+            f"{where} answers {len(count):,} frames, but the protocol tests {frames:,}; every test "
+            "frame needs one answer."
+        )
+    if kind != "plate" and not 0 <= count.min(initial=0) <= count.max(initial=0) <= MOST_CONTACTS:
+        raise UserError(
+            f"{where}: a frame is answered with {int(count.max(initial=0)):,} contacts; "
+            f"0 to {MOST_CONTACTS} are allowed."
+        )
+    total = frames if kind == "plate" else int(count.sum())
+    for name in columns:
+        if name != "count" and len(answers[name]) != total:
+            raise UserError(
+                f"{where}: array {name!r} has {len(answers[name]):,} rows, but the answers are "
+                f"{total:,}."
+            )
+        if columns[name][0] == "f":
+            _check_values(answers[name], name, where)
+    if guarded:
+        _check_failures(answers, frames, where)
+
+
+def _check_values(array: npt.NDArray[Any], name: str, where: str) -> None:
+    """Raise UserError for values out of range, or NaN.
+
+    A whole row of NaN in standard deviations means "not stated".
+    """
+    std = name.endswith("std")
+    stated = array[~np.isnan(array).all(axis=1)] if std else array
+    low, high = {"score": (0.0, 1.0)}.get(name, (SMALLEST_STD if std else -FARTHEST, FARTHEST))
+    if stated.size and not bool(((stated >= low) & (stated <= high)).all()):
+        raise UserError(
+            f"{where}: array {name!r} holds values that are NaN or not within {low:g} to {high:g}; "
+            "a frame without contacts is answered with none."
+        )
+
+
+def _check_failures(answers: Arrays, frames: int, where: str) -> None:
+    """Raise UserError unless failures are ascending frames without contacts, each with a cause."""
+    rows, causes = answers["failed"], answers["cause"].tolist()
+    good = (
+        len({len(answers[name]) for name in FAILURES}) == 1
+        and bool((np.diff(rows, prepend=-1) > 0).all())
+        and bool((rows < frames).all())
+        and not answers["count"][rows].any()
+        and all(len(cause) <= LONGEST_CAUSE and cause.isprintable() for cause in causes)
+    )
+    if not good:
+        raise UserError(
+            f"{where}: the frames on which the model failed are not rising numbers below "
+            f"{frames:,} of frames without contacts, each with a printable cause; submit the run "
+            "again."
         )

@@ -1,51 +1,64 @@
-"""One submission, checked and scored again; a message names the first thing that is wrong."""
+"""One submission, checked and scored again; a message names the first thing that is wrong.
+
+The truth of the test frames is made again from the protocol and not from the record: presses are
+drawn from the protocol's seed (or a hidden one) on the sensor that the record names. A simulated
+sensor reaches every pose that is requested; recorded frames are read from their folder. No model
+and no encoder is imported. Everything else that a record says is its submitter's word.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from itertools import zip_longest
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from tactibench.board.alarm import alarm
-from tactibench.board.neighbours import Neighbours, find_neighbours
-from tactibench.board.predictions import (
+from tactibench.board.rows import BOUND, below_bound, label_of, measured_on
+from tactibench.board.submissions import (
     Arrays,
     answers_file,
     check_answers,
     ranked_errors,
     read_answers_file,
+    read_submission,
+    refuse_names,
     split_ranked,
 )
-from tactibench.board.provenance import (
-    on_word,
-    refuse_components,
-    refuse_failures,
-    refuse_too_many,
-    refuse_underived,
-)
-from tactibench.board.record_forms import refuse_forms
-from tactibench.board.rows import BOUND, below_bound, label_of, measured_on
-from tactibench.board.submissions import (
-    read_untrusted,
-    refuse_misplaced,
-    refuse_names,
-    refuse_partial,
-)
-from tactibench.board.truth import Source, labelled_counts, make_test_set
+from tactibench.contacts import FloatArray
 from tactibench.errors import UserError, describe_exception
-from tactibench.protocols import (
-    board_spec,
-    recorded_seed,
-    recorded_version,
+from tactibench.frames import (
+    DrawnFrames,
+    FrameRequest,
+    FrameSource,
+    TransferFrames,
+    frame_source,
+    sampled_limits,
+    true_answers,
 )
-from tactibench.records import Metric, Record, arrays_hash, make_signature, parse_record
-from tactibench.run import HIDDEN, LIMIT, failures_record, score_arrays
+from tactibench.geometry import true_contacts
+from tactibench.plugins import PluginHost, SensorSpec
+from tactibench.protocols import HiddenSeed, LoadedProtocol, recorded_seed, recorded_version
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records import BoundSpec, Metric, Record, arrays_hash, digest, make_signature
+from tactibench.run import (
+    HIDDEN,
+    LIMIT,
+    TestOptions,
+    count_groups,
+    failures_record,
+    find_published,
+    published_arrays,
+    read_test_options,
+    repeat,
+    resolve_test_sensor,
+    score_arrays,
+    truth_arrays,
+)
+
+T = TypeVar("T")
 
 TOLERANCE = 1e-6
 """Relative tolerance; another processor or version of numpy sums in another order."""
@@ -53,17 +66,45 @@ LIMIT_TOLERANCE = 1e-3
 """Relative tolerance of a limit that is searched in rendered frames of single precision."""
 NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
-MOST_S = 900.0
-"""Most processor time for a file, thirty times that of the slowest shipped protocol. The time grows
-with the size of a frame, which a record may choose."""
-AGAIN_S = 0.2
-"""Processor time after which a file is stopped again, where the first stop had no effect."""
-EXCESS = "surface_excess_mm"
-FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", EXCESS})
+FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"})
 """Metrics of heatmaps, which are not submitted."""
-
 FORM = ("unit", "better", "censored", "method")
 """Fields of a metric that do not depend on what was measured."""
+MOST_KEPT = 16
+"""Most test sets whose truth is kept: a pull request has one or two, and one takes a megabyte."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The sources of the truth.
+
+    Attributes:
+        host: The plugins.
+        cache: Folder of frames.
+        data: Folder of recorded frames.
+        kept: Truths that were drawn, by everything that determines them, so that a second
+            submission on the same test set needs no new draw.
+    """
+
+    host: PluginHost
+    cache: Path
+    data: Path | None = None
+    kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def keep(self, identity: Any, make: Callable[[], T]) -> T:
+        """Return the value that is kept for an identity, or make and keep it.
+
+        Args:
+            identity: Everything that determines the value, as a JSON value.
+            make: Makes the value.
+        """
+        key = digest(identity)
+        if key not in self.kept:
+            while len(self.kept) >= MOST_KEPT:
+                del self.kept[next(iter(self.kept))]
+            self.kept[key] = make()
+        value: T = self.kept[key]
+        return value
 
 
 @dataclass(frozen=True)
@@ -75,17 +116,12 @@ class Verdict:
         record: The record.
         frames: Number of test frames.
         again: Rows of metrics that were computed anew and equal the stated ones.
-        stated: Everything that rests on the submitter's word, the names of metrics of heatmaps
-            included.
-        neighbours: Its place among the records beside it.
     """
 
     path: Path
     record: Record
     frames: int
     again: tuple[Metric, ...]
-    stated: tuple[str, ...]
-    neighbours: Neighbours
 
     @property
     def subject(self) -> str:
@@ -95,9 +131,7 @@ class Verdict:
 
     def headline(self) -> list[Metric]:
         """Return the error that orders the board, with missed and spurious contacts or coverage."""
-        ranking = board_spec(self.record.protocol.label).ranking
-        wanted = [] if ranking is None else [(ranking.metric, ranking.group)]
-        wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
+        wanted = headline(self.record)
         return [row for row in self.again if (row.metric, row.group) in wanted]
 
     def below_bound(self) -> list[Metric]:
@@ -107,17 +141,14 @@ class Verdict:
         ]
 
 
-class _OutOfTimeError(BaseException):
-    """The time of a file is up. It is no Exception, which plugins and libraries might catch."""
+def headline(record: Record) -> list[tuple[str, str]]:
+    """Return metric and group of the error that orders the board of a record, and of its misses."""
+    ranking = board_spec(record.protocol.label).ranking
+    first = [] if ranking is None else [(ranking.metric, ranking.group)]
+    return [*first, *((name, "all") for name in ("missed", "spurious", "coverage"))]
 
 
-def verify(
-    path: Path,
-    source: Source,
-    *,
-    folder: Path | None = None,
-    limit_s: float = MOST_S,
-) -> Verdict:
+def verify(path: Path, source: Source, *, folder: Path | None = None) -> Verdict:
     """Check and score one committed record. One file never stops the verification of others.
 
     Args:
@@ -125,24 +156,13 @@ def verify(
         source: Sources of the truth.
         folder: Folder of the published hashes of hidden seeds; None: those that ship with
             tactibench.
-        limit_s: Most processor time that it may take, s.
 
     Raises:
         UserError: Something is wrong with the file, or something is missing to verify it. Any other
             exception of the code is turned into this verdict on the file.
     """
-
-    def stop(_frame: FrameType | None) -> None:
-        raise _OutOfTimeError
-
     try:
-        with alarm("processor", limit_s, stop, again_s=AGAIN_S):
-            return score_again(path, source, folder=folder)
-    except _OutOfTimeError:
-        raise UserError(
-            f"{path} was not verified within {limit_s:g} s of processor time; run it on a sensor "
-            "with smaller frames."
-        ) from None
+        return score_again(path, source, folder=folder)
     except UserError:
         raise
     except Exception as error:
@@ -152,7 +172,7 @@ def verify(
 
 
 def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Verdict:
-    """Check and score one committed record, without the guards of ``verify``.
+    """Check and score one committed record.
 
     The arguments are those of ``verify``. An exception other than UserError is a mistake of
     tactibench.
@@ -160,23 +180,12 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     Raises:
         UserError: Something is wrong with the file, or something is missing to verify it.
     """
-    values = read_untrusted(path)
-    record = parse_record(values, str(path))
-    refuse_names(record, str(path))
-    refuse_misplaced(record, path)
-    refuse_partial(record, str(path))
-    stated = record.protocol
-    protocol = recorded_version(stated.label, stated.hash, str(path))
-    refuse_signature(record, str(path))
-    refuse_forms(record, values, str(path))
-    refuse_components(record, protocol, source.host, str(path))
-    neighbours = find_neighbours(record, path)
+    record, where = read_submission(path), str(path)
+    refuse_names(record, where)
+    protocol = recorded_version(record.protocol.label, record.protocol.hash, where)
+    if record.signature != (signature := make_signature(record)):
+        raise UserError(f"{where}: the signature is {record.signature}, but should be {signature}.")
     place = answers_file(path)
-    if not place.is_file():
-        raise UserError(
-            f"{place} is missing: without its predictions a record cannot be scored again; "
-            "`tactibench board submit` writes both."
-        )
     answers, ranked = split_ranked(read_answers_file(place))
     if arrays_hash(answers) != record.identity.predictions_hash:
         raise UserError(
@@ -187,54 +196,39 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     seed = None
     if record.test_sensor is not None and HIDDEN in record.test_sensor.options:
         seed = recorded_seed(protocol, record.identity.hidden or "", folder)
-    test = make_test_set(record, protocol, source, seed)
-    truth = test.truth
-    times = len(labelled_counts(record, protocol)) or 1
-    frames = len(truth["press"]) // times
-    if record.data.test != frames:
+    truth = make_truth(record, protocol, source, seed)
+    frames = len(truth["press"])
+    shown = frames // (len(labelled_counts(record, protocol)) or 1)
+    if record.data.test != shown:
         raise UserError(
             f"{path} says that it was tested on {record.data.test} frames, but the "
-            f"protocol tests {frames:,}."
+            f"protocol tests {shown:,}."
         )
-    _refuse_maps(record, frames, str(path))
-    refuse_underived(record, test.derived, protocol, str(path))
     guarded = bool(protocol.spec.families)
-    check_answers(answers, protocol.spec.answer, frames * times, str(place), guarded=guarded)
-    if protocol.spec.answer == "contacts":
-        refuse_too_many(record, source.host, int(answers["count"].max(initial=0)), str(path))
-    failed = failures_record(answers, truth["group"].tolist()) if guarded else None
-    refuse_failures(record, failed, str(path))
+    check_answers(answers, protocol.spec.answer, frames, str(place), guarded=guarded)
+    if guarded:
+        failed, stated = failures_record(answers, truth["group"].tolist()), record.data.failures
+        if (stated.json_values() if stated else None) != failed:
+            raise UserError(
+                f"{where} states other failures of the model than its answers list; submit the "
+                "run again."
+            )
     again = score_arrays(protocol.spec, truth, answers, {})
-    on_trust = refuse_differences(record.metrics, again, str(path))
+    refuse_differences(record.metrics, again, where)
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     from_answers = tuple(row for row in again if row.metric not in FROM_MAPS)
-    return Verdict(
-        path, record, frames, from_answers, (*on_word(test.derived), *on_trust), neighbours
-    )
+    return Verdict(path, record, shown, from_answers)
 
 
-def refuse_signature(record: Record, where: str) -> None:
-    """Raise UserError unless the signature, which boards show, agrees with the record."""
-    stated, derived = record.signature.split("|"), make_signature(record).split("|")
-    for before, after in zip_longest(stated, derived, fillvalue="nothing more"):
-        if before != after:
-            raise UserError(
-                f"{where}: the signature says {before!r}, but the record says {after!r}."
-            )
-
-
-def refuse_differences(
-    stated: Sequence[Metric], again: Sequence[Metric], where: str
-) -> tuple[str, ...]:
+def refuse_differences(stated: Sequence[Metric], again: Sequence[Metric], where: str) -> None:
     """Raise UserError where a stated row is not what the answers give.
+
+    Of metrics of heatmaps only the form is compared.
 
     Args:
         stated: Rows of the record.
         again: Rows computed from the answers.
         where: Name of the record in messages.
-
-    Returns:
-        Names of the metrics that are stated and cannot be computed without heatmaps.
     """
     before, after = ({(row.metric, row.group): row for row in rows} for rows in (stated, again))
     if len(before) < len(stated):
@@ -247,35 +241,13 @@ def refuse_differences(
                 f"{where} {verb} {metric} of {group}, which the protocol "
                 f"{'asks for' if row is None else 'does not ask for'}."
             )
-        for field in FORM if metric in FROM_MAPS else Metric.model_fields:
+        for name in FORM if metric in FROM_MAPS else Metric.model_fields:
             tolerance = LIMIT_TOLERANCE if metric == LIMIT else TOLERANCE
-            if not _is_equal(getattr(row, field), getattr(computed, field), tolerance):
+            if not _is_equal(getattr(row, name), getattr(computed, name), tolerance):
                 raise UserError(
-                    f"{where} states {field} {getattr(row, field)} for {metric} of {group}, but "
-                    f"its predictions give {getattr(computed, field)}."
+                    f"{where} states {name} {getattr(row, name)} for {metric} of {group}, but "
+                    f"its predictions give {getattr(computed, name)}."
                 )
-    return tuple(
-        sorted({row.metric for row in stated if row.metric in FROM_MAPS and row.value is not None})
-    )
-
-
-def _refuse_maps(record: Record, frames: int, where: str) -> None:
-    """Raise UserError for errors of heatmaps that the run cannot have measured."""
-    none = record.identity.stored["maps"] == arrays_hash({})
-    for row in record.metrics:
-        if row.metric not in FROM_MAPS:
-            continue
-        if (
-            row.n > frames
-            or row.clusters > frames
-            or ((row.value or 0.0) < 0 and row.metric != EXCESS)
-        ):
-            raise UserError(f"{where}: {row.metric} of {row.group} is of no test of this protocol.")
-        measured = (row.value, row.low, row.high)
-        if (none or row.value is None) and (measured != (None,) * 3 or (none and row.n)):
-            raise UserError(
-                f"{where} states {row.metric} {measured}, but its run stored no such heatmaps."
-            )
 
 
 def _is_equal(stated: Any, again: Any, tolerance: float) -> bool:
@@ -307,3 +279,182 @@ def metric_rows(verdict: Verdict) -> Iterable[dict[str, Any]]:
     """Yield tidy rows of the metrics that were computed anew."""
     for row in verdict.again:
         yield {"file": verdict.path.name, "state": "verified", **row.json_values()}
+
+
+# -- the truth ---------------------------------------------------------------------------------
+
+
+def make_truth(
+    record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
+) -> Mapping[str, Any]:
+    """Return the truth of the test set that a record names.
+
+    Args:
+        record: Record of a run.
+        protocol: The protocol that it answers.
+        source: Sources of the truth.
+        hidden: Hidden seed of the test presses; None: the protocol's seed.
+
+    Returns:
+        Packed true answers with press and group, and the bounds that the metrics need.
+
+    Raises:
+        UserError: The test set cannot be made on this machine, or the record does not agree with
+            its own options.
+    """
+    options = _test_options(record, source)
+    if protocol.spec.transfer is None and options.shots != record.shots:
+        raise UserError(
+            f"{record.name} says that its model was shown {record.shots:,} labelled presses of the "
+            f"tested sensor, but its options ask for {options.shots:,}; submit the run again."
+        )
+    if protocol.spec.transfer is not None and options.data is None:
+        raise UserError(
+            f"{record.name}: the truth of {protocol.spec.id!r} is in the recording that was "
+            "tested, not in the one trained on; name the folder of the tested one with --data DIR."
+        )
+    sensor = _sensor(record, source)
+    tested = resolve_test_sensor(options, protocol.spec, sensor, source.host)
+    request = FrameRequest(
+        protocol=protocol,
+        regime=record.regime,
+        sensor=sensor,
+        test_sensor=tested,
+        cache=source.cache,
+        data=source.data,
+        test_data=options.data,
+        reference=options.reference,
+        hidden=hidden,
+        presses=record.limits.presses,
+        shots=options.shots,
+    )
+    seen = record.data.of_tested_sensor
+    identity = [
+        protocol.hash,
+        sensor.component.identity,
+        tested and tested.component.identity,
+        options.reference,
+        hidden and hidden.commitment,
+        str(source.data),
+        counts := labelled_counts(record, protocol),
+        limits := bool(record.metric(LIMIT, "all")),
+        seen and seen.described.get("sha256"),
+    ]
+    return source.keep(identity, lambda: _truth(record, frame_source(request), counts, limits))
+
+
+def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:
+    """Return the numbers of labelled frames after which every test frame was answered.
+
+    Returns:
+        () where the protocol shows no labelled frames.
+
+    Raises:
+        UserError: The record states other numbers than the protocol shows.
+    """
+    transfer = protocol.spec.transfer
+    if transfer is None:
+        return ()
+    seen = record.data.of_tested_sensor
+    stated = None if seen is None else seen.labelled_frames
+    for counts in ((0,), transfer.shots):
+        if stated == list(counts):
+            return counts
+    raise UserError(
+        f"{record.name} says that its model was shown {stated} labelled frames of the tested "
+        f"sensor; protocol {protocol.spec.id!r} shows none or {list(transfer.shots)} of them."
+    )
+
+
+def _test_options(record: Record, source: Source) -> TestOptions:
+    test = record.test_sensor
+    if test is None:
+        return TestOptions()
+    texts = tuple(text for text in test.options if text != HIDDEN)
+    options = read_test_options(texts, hidden=HIDDEN in test.options)
+    # A record holds only the last two names of the folder's path.
+    return options if options.data is None else replace(options, data=source.data)
+
+
+def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:
+    """Return the sensor that pressed the training scenes, with the settings of the record."""
+    stated, sensors = record.sensor, source.host.sensors
+    spec = sensors[stated.name]
+    if spec.origin == "real" and not spec.needs_data:
+        raise UserError(
+            f"{record.name}: sensor {stated.name!r} presses for itself, and what it reached "
+            "cannot be made again here; record its presses, and run on the recording."
+        )
+    if spec.needs_data and source.data is None:
+        raise UserError(
+            f"{record.name}: the truth of {record.protocol.id!r} on sensor "
+            f"{stated.name!r} is in the recording; name its folder with --data DIR."
+        )
+    sensor: BoundSpec[SensorSpec] = BoundSpec.of_record(sensors, stated)
+    return sensor
+
+
+def _truth(record: Record, frames: FrameSource, counts: tuple[int, ...], limits: bool) -> Arrays:
+    if isinstance(frames, DrawnFrames):
+        return _drawn_truth(frames, limits)
+    sets = frames.test_frames()
+    opened = [frame_set.open(lambda _: None) for frame_set in sets]
+    truth = true_answers(frames.spec, opened)
+    clusters = [press for frame_set in sets for press in frame_set.clusters]
+    if isinstance(frames, TransferFrames):
+        _check_same_recording(record, frames)
+        groups = count_groups(len(truth), counts)
+        kind = frames.spec.answer
+        return truth_arrays(kind, repeat(truth, counts), repeat(clusters, counts), groups)
+    groups = [group for frame_set in sets for group in frame_set.groups]
+    arrays = truth_arrays(frames.spec.answer, truth, clusters, groups)
+    if frames.published:
+        protocol = frames.request.protocol
+        published = find_published(protocol, frames.request.data, None)
+        names = [name for presses in opened for name in presses.names]
+        arrays |= published_arrays(published, protocol.test_frames, names, truth)
+    return arrays
+
+
+def _check_same_recording(record: Record, frames: TransferFrames) -> None:
+    """Raise UserError where the recording in the folder is not the one that was tested."""
+    seen, test = record.data.of_tested_sensor, record.test_sensor
+    stated = None if seen is None else seen.described.get("sha256")
+    if stated is None or stated != frames.target.identity["describe"].get("sha256"):
+        raise UserError(
+            f"{record.name} was tested on {'' if test is None else test.description}, which is "
+            f"not the recording in {frames.request.test_data}; name its folder with --data DIR."
+        )
+
+
+def _drawn_truth(frames: DrawnFrames, limits: bool) -> Arrays:
+    """Return the truth of drawn scenes: a simulated sensor reaches every pose that is requested.
+
+    Args:
+        frames: The presses.
+        limits: Whether the record states two-point limits.
+    """
+    sets = frames.test_frames()
+    scenes = [scene for frame_set in sets for scene in frame_set.scenes]
+    radius = frames.testing.pressed.workspace.dome_radius_mm
+    arrays = truth_arrays(
+        frames.spec.answer,
+        [true_contacts(scene, radius) for scene in scenes],
+        [press for frame_set in sets for press in frame_set.clusters],
+        [group for frame_set in sets for group in frame_set.groups],
+    )
+    main = [frame_set.scenes for frame_set in sets if not frame_set.apart]
+    seed = np.random.SeedSequence(frames.testing.protocol.data_seed)
+    bounded = "rmse_over_bound" in frames.spec.metrics.names
+    if not (bounded or limits):
+        return arrays
+    with frames.testing.open(seed) as sensor:
+        bounds: list[FloatArray | None] = [
+            sensor.bound(scene) for scenes in main for scene in scenes if bounded
+        ]
+        spacings = [sampled_limits(sensor, scenes) for scenes in main if limits]
+    for name, values in (("bound", bounds), ("limit", spacings)):
+        known = [value for value in values if value is not None]
+        if known and len(known) == len(values):  # else the sensor does not know one of them
+            arrays[name] = np.concatenate(known)
+    return arrays

@@ -19,27 +19,17 @@ if TYPE_CHECKING:
     from tactibench.report import PageFile
 
 
-@click.group(invoke_without_command=True)
-@click.option("--check", is_flag=True, hidden=True, help="The same as `board check`.")
-@click.option("--add", "added", multiple=True, hidden=True)
-@click.pass_context
-def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
+@click.group()
+def board() -> None:
     """Make the leaderboards from submissions, and check submissions.
 
     \b
     tactibench board show exp2               the rows of a board
     tactibench board add 'exp1-unet-*'       runs become rows
     tactibench board check                   the pages are what the records give
-    tactibench board verify FILE.json        score a submission again
+    tactibench board verify FILE.json        score the answers of a submission again
+    tactibench board reproduce FILE.json     make its run again: train, predict, score, compare
     """
-    if ctx.invoked_subcommand is not None:
-        return
-    if added:
-        raise UserError(f"--add is a command now: run `tactibench board add {' '.join(added)}`.")
-    if check:
-        ctx.invoke(check_pages)
-    else:
-        echo(ctx.get_help())
 
 
 @board.command(short_help="the ranked rows of a board")
@@ -77,13 +67,12 @@ def write(board_folder: Path) -> None:
 @board.command("check", short_help="compare the pages with the records; write nothing")
 @board_option
 @click.pass_context
-def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -> None:
-    """Compare the pages with the committed records, and the records with each other.
+def check_pages(ctx: click.Context, board_folder: Path) -> None:
+    """Say whether the pages are what the committed records give; exit code 1 when one is not.
 
-    Nothing is written. Exit code 1 when a page is out of date, or when rows of one name (model,
-    parameters, regime, encoder, sensor, seed) have several trainings.
+    Nothing is written.
     """
-    from tactibench.board import check_folder, compare_trainings
+    from tactibench.board import check_folder
     from tactibench.report import board_words, page_files
 
     check_folder(board_folder)
@@ -96,15 +85,9 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
             f"run `{shlex.join(write)}` and commit it.",
             err=True,
         )
-    trainings = compare_trainings(
-        (record, page.protocol) for page in pages for record in page.submissions
-    )
-    for sentence in trainings.contradictions:
-        echo(sentence, err=True)
-    if stale or trainings.contradictions:
+    if stale:
         ctx.exit(1)
     echo(f"{len(pages)} pages are what the committed records give")
-    echo(trainings.note)
 
 
 @board.command(short_help="runs become rows, and the pages are made")
@@ -170,18 +153,19 @@ def verify(
 ) -> None:
     """Score the predictions beside committed records (submissions/PROTOCOL/NAME.json) again.
 
-    The truth is made anew by this installation; nothing of the submitter's is imported. Exit code 1
-    when a file is refused. Hidden presses are drawn from the revealed seed, or from that in
+    The truth is made anew; what else a record says is its submitter's word, see `reproduce`. Exit
+    code 1 when a file is refused. Hidden presses are drawn from the revealed seed, or from that in
     TACTIBENCH_HIDDEN_SEED.
     """
-    from tactibench.board import Source, metric_rows, trusted_host
+    from tactibench.board import Source, metric_rows
     from tactibench.board import verify as check
     from tactibench.cli.output import Terminal
+    from tactibench.plugins import PluginHost
     from tactibench.records import cache_folder
     from tactibench.report import print_verdict
     from tactibench.run import data_folder
 
-    source = Source(trusted_host(), cache_folder(), data_folder(data))
+    source = Source(PluginHost(), cache_folder(), data_folder(data))
     terminal = Terminal()
     rows: list[dict[str, Any]] = []
     refused = 0
@@ -203,6 +187,58 @@ def verify(
         terminal.say(f"{len(files) - refused:,} of {len(files):,} verified")
     if refused:
         ctx.exit(1)
+
+
+@board.command("reproduce", short_help="make the run of a record again, and compare its metrics")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    help="Folder of the recording that the run read, or one above its recordings.",
+)
+@click.option(
+    "--cached",
+    is_flag=True,
+    help="Take frames, weights and answers that are in the cache; default: all are made anew.",
+)
+@click.option("--by", metavar="NAME", help="Write into FILE that NAME reproduced it here, today.")
+@json_option
+@click.pass_context
+def reproduce_run(
+    ctx: click.Context,
+    file: Path,
+    data: Path | None,
+    cached: bool,
+    by: str | None,
+    json_file: Path | None,
+) -> None:
+    """Make the run of a committed record again from its request, and compare its metrics.
+
+    The plugins that are installed press, train, predict and score anew. A model that draws nothing
+    must give the same metrics to 0.001; another one must stay in the interval of each metric.
+    Exit code 1 where the error that ranks the row or its misses do not.
+
+    \b
+    tactibench board reproduce leaderboards/submissions/exp1/exp1-nearest-single-s0-1a2b3c4d.json
+    tactibench board reproduce FILE --data data/tac-vgnn --by "a lab"
+    """
+    from tactibench.board import note_reproduction, reproduce, reproduction_rows
+    from tactibench.cli.output import Terminal
+    from tactibench.plugins import PluginHost
+    from tactibench.records import cache_folder
+    from tactibench.report import print_reproduction
+    from tactibench.run import data_folder
+
+    terminal = Terminal()
+    cache = cache_folder() if cached else None
+    run = reproduce(file, PluginHost(), terminal, data=data_folder(data), cache=cache)
+    print_reproduction(terminal.out, run)
+    save_json(json_file, list(reproduction_rows(run)))
+    if not run.reproduced:
+        ctx.exit(1)
+    if by is not None:
+        note = note_reproduction(run, by)
+        terminal.say(f"noted in {file}: reproduced by {note.by}, {note.date}, on {note.machine}")
 
 
 @board.command(short_help="the figures of all boards as JSON or CSV")

@@ -42,6 +42,7 @@ from .record import Failures as Failures
 from .record import FrameCounts as FrameCounts
 from .record import Metric as Metric
 from .record import Record as Record
+from .record import Reproduction as Reproduction
 from .record import SensorId as SensorId
 from .record import SimulatorError as SimulatorError
 from .record import SpeedRow as SpeedRow

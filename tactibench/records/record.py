@@ -12,9 +12,7 @@ from pydantic import (
     ConfigDict,
     Field,
     NonNegativeInt,
-    PrivateAttr,
     ValidationError,
-    model_validator,
 )
 
 from tactibench.contacts import Workspace
@@ -152,15 +150,12 @@ class Component(_Strict):
 
     name: str
     parameters: dict[str, Value]
-    settings: list[str] | None = None
-
-    _settings_of_signature: tuple[str, ...] = PrivateAttr(default=())
+    settings: list[str] = []
 
     @property
     def changed(self) -> dict[str, Value]:
         """Parameters that are not at their defaults."""
-        names = self._settings_of_signature if self.settings is None else self.settings
-        return {name: self.parameters[name] for name in names if name in self.parameters}
+        return {name: self.parameters[name] for name in self.settings if name in self.parameters}
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -248,15 +243,12 @@ class SensorId(Component):
 
     Attributes:
         origin: "simulated" or "real".
-        scene_counts: Number of scenes that the sensor made in each way, by role; in older records
-            only.
         test_sensor: Sensor that pressed the test scenes; None where it was this sensor.
         recording: Recording that the sensor read; None where it read none.
         range: Range that was pressed in place of the protocol's; None where it was the protocol's.
     """
 
     origin: Literal["simulated", "real"]
-    scene_counts: dict[str, dict[str, int]] = Field(default={}, alias="account")
     test_sensor: TestSensor | None = Field(default=None, alias="tested")
     recording: RecordingId | None = None
     range: PressedRange | None = None
@@ -517,6 +509,20 @@ class FrameCounts(_Open):
     failures: Failures | None = None
 
 
+class Reproduction(_Strict):
+    """A note that the run of a committed record was made again, with metrics within tolerance.
+
+    Attributes:
+        by: Who made it again.
+        machine: Processor and fingerprint of the machine.
+        date: Day, such as "2026-11-27".
+    """
+
+    by: str
+    machine: str
+    date: str
+
+
 class _MetricIndex:
     """The rows of a list of metrics by metric and group; of two equal ones the first counts."""
 
@@ -554,19 +560,7 @@ class Record(_Strict):
     training: Training
     data: FrameCounts
     signature: str
-
-    @model_validator(mode="after")
-    def _read_old_settings(self) -> Record:
-        """Read the settings from the signature of records older than the field ``settings``."""
-        following = {"model": "regime", "encoder": "sensor", "sensor": "seed"}
-        for kind, after in following.items():
-            component = getattr(self, kind)
-            if component is not None and component.settings is None:
-                label = self.signature.partition(f"|{kind}:")[2].partition(f"|{after}:")[0]
-                pairs = label.partition("(")[2].removesuffix(")").split(",")
-                names = [pair.partition("=")[0] for pair in pairs]
-                component._settings_of_signature = tuple(names)
-        return self
+    reproduced: Reproduction | None = None
 
     @property
     def shots(self) -> int:

@@ -114,4 +114,5 @@ from .tables import metric_number as metric_number
 from .tables import print_table as print_table
 from .tables import table as table
 from .tables import terminal_text as terminal_text
+from .verify_report import print_reproduction as print_reproduction
 from .verify_report import print_verdict as print_verdict

@@ -34,13 +34,13 @@ from tactibench.board import (
     ranks,
     read_submissions,
     row_on_own_test,
+    rows_of,
     section_key,
     sections_of,
     trained_on,
     training_instances,
     whole,
 )
-from tactibench.board.grouping import rows_of
 from tactibench.errors import UserError
 from tactibench.protocols import (
     LoadedProtocol,
@@ -70,8 +70,10 @@ from tactibench.shipped import shipped_folder
 READING = (
     "A table holds one sensor: simulated and real never share a column. A row is a model with its "
     "settings (those that are not at their defaults), its encoder and, in brackets, its training "
-    "regime. Its training seeds are pooled. Below its name stand its prior knowledge and the "
-    "number of seeds. Prior knowledge is what a model knew, besides the frames of its regime, of "
+    "regime. Its training seeds are pooled. Below its name stand its prior knowledge, the number of "
+    "seeds, and whether the row was reproduced (`board reproduce`: somebody else made its runs "
+    "again from their requests). A row as submitted was not: its scores are computed from its "
+    "answers, and everything else is its submitter's word. Prior knowledge is what a model knew, besides the frames of its regime, of "
     "contacts that press together; mixing is how many frames it mixed out of single presses, for "
     "every training frame. Models in italics are trivial.",
     "A value is the mean over seeds. Below it stands the mean of the seeds' 95 % intervals over "
@@ -347,9 +349,6 @@ def _notes(name: str, rows: Sequence[Row]) -> Iterator[str]:
     """Yield how a section was tested, how exact its simulator is, and which rows it lacks."""
     first = rows[0].first
     yield _tested(first, shots=any(row.first.shots for row in rows))
-    counts = first.sensor.scene_counts.get("test", {})
-    counted = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
-    yield f"Test scenes: {counted}." if counted else ""
     lines = (error_line(record) for row in rows for record in row.records)
     line = next(filter(None, lines), "")  # all were tested on the same scenes
     yield f"{line[0].upper()}{line[1:]}." if line else ""
@@ -379,8 +378,7 @@ def _tested(record: Record, *, shots: bool) -> str:
         fitted = fitted_frames(record)
         if fitted is None:
             return ""
-        labels = "an unknown number" if fitted.labels is None else f"{fitted.labels:,}"
-        fits = f"offset and pivot of the labels to {labels}"
+        fits = f"offset and pivot of the labels to {fitted.labels:,}"
         if fitted.simulator:
             fits = f"the simulated sensor to {fitted.simulator:,}, which test nothing; {fits}"
         return f"`labelled frames besides` counts those to which something else was fitted: {fits}."

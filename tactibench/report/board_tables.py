@@ -118,7 +118,8 @@ def row_name(row: Row, *, details: bool = False) -> Text:
     known = prior_of(row.first)  # how many frames were mixed stands in the label
     prior = "" if known == "none" else f"prior knowledge: {known}, "
     label = f"{row.label} {BELOW}" if row.below_bound else row.label
-    below = f"{prior}{plural(len(row.records), 'seed')}" if details else ""
+    seeds = plural(len(row.records), "seed")
+    below = f"{prior}{seeds}, {row.reproduced}" if details else ""
     return Text(label, "italic" if row.trivial else "", below)
 
 
@@ -162,9 +163,7 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     if any(fitted):
         heads.insert(0, "labelled frames besides")
         for cells, frames in zip(body, fitted, strict=True):
-            unknown = frames is not None and frames.labels is None
-            count = 0 if frames is None else frames.known
-            cells.insert(0, f"more than {count:,}" if unknown else Number(count, fixed(0)))
+            cells.insert(0, Number(0 if frames is None else frames.known, fixed(0)))
     presses = [count for value in pooled if value is not None for count in value.clusters]
     counted = f"{span(presses)} presses." if presses else ""
     ranking = () if ranks is None else (ranks.note, _unsure(ranks, rows))

@@ -10,8 +10,7 @@ from string import ascii_uppercase
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board import Comparison, MetricComparison, measured_on, names_of
-from tactibench.board.compare import left_out
+from tactibench.board import Comparison, MetricComparison, left_out, measured_on, names_of
 from tactibench.metrics import find_metric
 from tactibench.records import Record, StoredRun
 from tactibench.report import tables

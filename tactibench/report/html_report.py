@@ -19,11 +19,11 @@ from tactibench.board import (
     PressErrors,
     all_press_errors,
     check_folder,
+    overview,
     press_errors_of,
     read_submissions,
     slot,
 )
-from tactibench.board.overview import overview
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols import (
     LoadedProtocol,

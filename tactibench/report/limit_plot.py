@@ -15,8 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from tactibench.board import LimitMaps, LimitRequest, map_limits, spacing_summary, summary
-from tactibench.board.limits import rows_of
+from tactibench.board import (
+    LimitMaps,
+    LimitRequest,
+    limit_rows,
+    map_limits,
+    spacing_summary,
+    summary,
+)
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError, did_you_mean
 from tactibench.frames import D_PRIME, FALSELY_SEEN, SEEN
@@ -105,7 +111,7 @@ def limit_data(
     label = f"{spec.name}({','.join(other)})" if other else spec.name
     subject = f"{spec.origin} sensor {label}, {_description(request)}"
 
-    rows = rows_of(maps)
+    rows = limit_rows(maps)
     identity = {"name": spec.name, "origin": spec.origin, "parameters": dict(settings)}
     tables, remarks = [limit_table(maps)], [*limit_remarks(maps)]
     if maps.spacings is not None:

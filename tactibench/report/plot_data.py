@@ -19,6 +19,7 @@ from tactibench.board import (
     Range,
     Row,
     all_records,
+    count_left_out,
     curves,
     family_errors,
     frontiers,
@@ -32,7 +33,6 @@ from tactibench.board import (
     settled,
     whole,
 )
-from tactibench.board.sections import left_out
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols import Axis, Ranking, load_protocol
 from tactibench.report.board_tables import doubling_table
@@ -110,7 +110,7 @@ def frontier_data(
     if timed:
         subject += f", timed on {timed[0].row.first.environment.cpu} ({regimes[0].machine})"
     remarks = list(_frontier_remarks(regimes))
-    if hidden := left_out(records, section):
+    if hidden := count_left_out(records, section):
         remarks.append(f"Left out: {plural(hidden, 'run')} on other sensors.")
 
     def draw() -> Figure:

@@ -1,17 +1,17 @@
-"""The report of ``tactibench board verify`` on a submission that was not refused."""
+"""The reports of ``tactibench board verify`` and ``reproduce`` on a submission."""
 
 from __future__ import annotations
 
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board import BELOW_BOUND, Verdict
-from tactibench.report.labels import NAMES, named
+from tactibench.board import BELOW_BOUND, ReproducedRun, Verdict
+from tactibench.report.labels import named
 from tactibench.report.tables import Column, metric_number, print_table, table
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
-    """Print the name, what was computed anew, and what rests on the submitter's word alone."""
+    """Print the name and what was computed anew."""
     record = verdict.record
     lines = (
         f"VERIFIED {verdict.path.name}",
@@ -19,7 +19,6 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         f"  {record.protocol.id}@{record.protocol.version}: truth of "
         f"{verdict.frames:,} test frames made again, predictions "
         f"{record.identity.predictions_hash[:12]}, {len(verdict.again)} metric rows equal",
-        f"  it {verdict.neighbours.note}",
     )
     for number, line in enumerate(lines):
         console.print(Text(line, style="" if number else "bold"), soft_wrap=True)
@@ -36,6 +35,43 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
     for row in verdict.below_bound():
         text = f"  BELOW the Cramer-Rao bound: {named(row.metric, '')} of {row.group} is "
         console.print(Text(f"{text}{row.value:.3g}; {BELOW_BOUND}", style="bold"), soft_wrap=True)
-    stated = [NAMES.get(name, name) for name in verdict.stated]
-    text = f"  on the submitter's word: {', '.join(stated)}"
+    text = "  all else is its submitter's word until the run is made again (`board reproduce`)"
     console.print(Text(text, style="dim"), soft_wrap=True)
+
+
+MOST_SHOWN = 20
+"""Most metrics out of tolerance that are printed; --json holds all."""
+
+
+def print_reproduction(console: Console, run: ReproducedRun) -> None:
+    """Print the metrics that decide, beside those of the record, and the others out of tolerance.
+
+    Args:
+        console: The console.
+        run: A record and the run made again.
+    """
+    outside = [one for one in run.metrics if not (one.within or one.decides)]
+    shown = [*(one for one in run.metrics if one.decides), *outside[:MOST_SHOWN]]
+    rows = [
+        (
+            f"  {named(one.stated.metric, one.stated.unit)}",
+            one.stated.group,
+            _value(one.stated.value),
+            _value(one.value),
+            "n/a" if one.low is None else f"{one.low:.4g} to {one.high:.4g}",
+            ("" if one.within else "NO") if one.decides else "no (not decisive)",
+        )
+        for one in shown
+    ]
+    verb = "REPRODUCED" if run.reproduced else "NOT REPRODUCED"
+    console.print(Text(f"{verb} {run.path.name}", style="bold"), soft_wrap=True)
+    heads = ("  metric", "group", "record", "reproduced", "tolerance", "within")
+    print_table(console, table(heads, rows))
+    within = sum(one.within for one in run.metrics)
+    frames = "the same test frames" if run.same_frames else "test frames that differ in pixels"
+    text = f"  {within:,} of {len(run.metrics):,} metrics within tolerance, on {frames}"
+    console.print(Text(text), soft_wrap=True)
+
+
+def _value(value: float | None) -> str:
+    return "n/a" if value is None else f"{value:.5g}"

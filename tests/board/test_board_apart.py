@@ -16,8 +16,8 @@ from tactibench.board import (
     ranked_errors,
     ranks,
     read_press_errors,
+    rows_of,
 )
-from tactibench.board.grouping import rows_of
 from tactibench.contacts import Contacts
 from tactibench.metrics.detection import gospa
 from tactibench.protocols import board_spec, load_protocol

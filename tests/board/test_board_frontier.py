@@ -18,8 +18,8 @@ from tactibench.board import (
     new_sensor_curves,
     ranking_error,
     row_anchor,
+    rows_of,
 )
-from tactibench.board.grouping import rows_of
 
 ERROR = ranking_error("exp1")
 

@@ -19,9 +19,9 @@ from tactibench.board import (
     mixing_of,
     ordered,
     prior_of,
+    rows_of,
     sections_of,
 )
-from tactibench.board.grouping import rows_of
 from tactibench.records import FrameCounts, SensorId
 
 
@@ -46,23 +46,6 @@ def test_a_row_says_what_its_mixed_frames_know_and_not_what_was_asked_for(fabric
 
 def trained(record, **facts):
     return record.model_copy(update={"training": record.training.model_copy(update=facts)})
-
-
-def test_prior_knowledge_of_older_records_is_what_follows_from_them(fabricate):
-    """Never hidden: where nothing follows, the row says that nothing was stated."""
-    network = fabricate(settings={"mixing": 0.0})
-    assert prior_of(network) == "none"
-    assert prior_of(trained(network, notes={"mixing": 1.0})) == "not stated"
-    noted = trained(network, notes={"mixing": 1.0, "prior": "nominal mechanics"})
-    assert prior_of(noted) == "nominal mechanics"
-    assert prior_of(fabricate(model="superpose", encoder=None)) == "not stated"
-    assert prior_of(fabricate(model="cnn", encoder=None)) == "none"  # answers one contact
-    assert prior_of(fabricate(model="nearest", encoder=None)) == "none"
-    assert prior_of(fabricate(model="stranger", encoder=None)) == "not stated"
-
-
-def test_a_record_without_a_readable_signature_keeps_its_names(fabricate):
-    assert label_of(fabricate(signature="?", settings={"width": 8})) == "unet + hertz (single)"
 
 
 @given(st.lists(st.floats(0.01, 9.0), min_size=1, max_size=5))
@@ -148,24 +131,6 @@ def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
     assert all(" (test frames " in title for title in titles[:2])
 
 
-@pytest.mark.parametrize(
-    ("parameters", "sections"),
-    [({"instances": 0, "ranges": 1}, 1), ({"instances": 4}, 2), ({"ranges": 2}, 2)],
-)
-def test_parameters_that_a_sensor_got_later_divide_no_section_at_their_defaults(
-    fabricate, parameters, sections
-):
-    newer = fabricate()
-    newer.sensor.parameters |= parameters
-    assert len(sections_of([fabricate(), newer])) == sections
-
-
-def test_parameters_that_a_sensor_no_longer_has_divide_no_section(fabricate):
-    older = fabricate()
-    older.sensor.parameters |= {"tolerance": 0.1, "allow_fem": False}
-    assert len(sections_of([fabricate(), older])) == 1
-
-
 def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
     rows = rows_of(
         [
@@ -205,7 +170,6 @@ def test_a_row_surely_below_the_bound_is_told(fabricate, value, below):
     ("described", "fitted"),
     [
         ({"pivot_mm": 20.5, "label_fit": {"presses": 1500}}, FittedFrames(400, 1500)),
-        ({"pivot_mm": 20.5}, FittedFrames(400, None)),  # an older run, whose fit has no count
         ({"pivot_mm": 0.0}, FittedFrames(400, 0)),  # as the parameter gave it
     ],
 )
@@ -229,5 +193,5 @@ def test_labelled_frames_of_the_tested_sensor_are_counted_whatever_was_fitted(
         }
     )
     assert fitted_frames(record) == fitted
-    assert fitted.known == 400 + (fitted.labels or 0)
+    assert fitted.known == 400 + fitted.labels
     assert fitted_frames(fabricate()) is None

@@ -8,8 +8,7 @@ from scipy import stats
 from stored_answers import answered_parts, store_run
 
 from tactibench import UserError
-from tactibench.board import compare_runs, names_of
-from tactibench.board.compare import left_out, rows_of
+from tactibench.board import compare_runs, comparison_rows, left_out, names_of
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.records import pack_contacts, pack_plates, unpack_contacts
 from tactibench.stats import holm
@@ -91,7 +90,7 @@ def test_one_press_has_no_p_and_nothing_shared_no_value(stored) -> None:
 
 def test_tidy_rows_and_what_is_no_mean(stored) -> None:
     runs = [stored("a", [0.1, 0.2, 0.3]), stored("b", [0.2, 0.2, 0.2])]
-    rows = rows_of(runs, compare_runs(runs))
+    rows = comparison_rows(runs, compare_runs(runs))
     assert {(r["first"], r["second"]) for r in rows} == {("exp1-a", "exp1-b")}
     # No model states a deviation, so that `nll` and the ellipses have no rows.
     assert {r["metric"] for r in rows} == {"mae_mm", "gospa1_mm", "missed", "spurious"}

@@ -13,13 +13,13 @@ from stubs import StubSensor
 
 from tactibench.board import (
     LimitRequest,
+    limit_rows,
     limits_of,
     map_limits,
     separation_limit,
     spacing_summary,
     summary,
 )
-from tactibench.board.limits import rows_of
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.frames import D_PRIME
@@ -105,7 +105,7 @@ def test_a_tip_that_does_not_touch_leaves_no_bound() -> None:
     line = summary(maps)[0]
     assert line["unbounded"] > 0
     assert line["n"] + line["unbounded"] + line["refused"] == 25
-    rows = {(row["metric"], row["group"]): row for row in rows_of(maps)}
+    rows = {(row["metric"], row["group"]): row for row in limit_rows(maps)}
     share = rows["bound_separation_unbounded", "depth 0.3 mm"]
     assert share["value"] == pytest.approx(line["unbounded"] / 25)
 
@@ -155,7 +155,7 @@ def test_two_tips_are_told_from_one_at_a_few_places() -> None:
     assert "Below 2 mm" in text
     shown = terminal_text(spacing_table(maps), 80).plain
     assert "1.73" in shown
-    rows = {(row["metric"], row["group"]): row["value"] for row in rows_of(maps)}
+    rows = {(row["metric"], row["group"]): row["value"] for row in limit_rows(maps)}
     assert rows["limit_mm", "depth 4 mm, median"] == pytest.approx(1.2249, rel=1e-3)
 
 
@@ -176,7 +176,7 @@ def test_a_bound_beyond_the_dome_is_none() -> None:
 
 
 def test_rows_are_finite_or_none() -> None:
-    rows = rows_of(map_limits(Formula(), asked(Indenter.dual(12.0), (0.2,)), lambda _: None))
+    rows = limit_rows(map_limits(Formula(), asked(Indenter.dual(12.0), (0.2,)), lambda _: None))
     for row in rows:
         assert row["value"] is None or np.isfinite(row["value"])
         assert row["unit"] in {"mm", "share"}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from tactibench.board import WorstFamily, worst_family
-from tactibench.board.grouping import rows_of
-from tactibench.board.overview import overview
+from tactibench.board import WorstFamily, overview, rows_of, worst_family
 from tactibench.metrics import FAMILIES
 from tactibench.protocols import load_protocol, overview_spec
 from tactibench.report import overview_table

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tactibench.board import PressErrors, row_difference
-from tactibench.board.grouping import rows_of
+from tactibench.board import PressErrors, row_difference, rows_of
 from tactibench.stats import crossed_interval, welch_p_values
 
 PRESSES = np.array([f"p{k:03d}" for k in range(200)])

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 from changed_record import changed_record
+from few_presses import few_presses
 from stored_answers import store_run
 
-from tactibench.board import compact
 from tactibench.protocols import load_protocol
-from tactibench.records import with_checksum
 from tactibench.shipped import shipped_folder
 
 
@@ -49,22 +48,6 @@ def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored_run):
     )
 
 
-@pytest.mark.parametrize(("weights", "code"), [("a", 0), ("b", 1)])
-def test_rows_of_one_name_have_one_training(cli, fabricate, weights, code):
-    for protocol, letter in (("exp1", "a"), ("exp2", weights)):
-        record = fabricate(protocol=protocol)
-        record.identity.weights_hash = 64 * letter
-        folder = Path("board/submissions") / protocol
-        folder.mkdir(parents=True)
-        values = with_checksum(compact(record).json_values())
-        (folder / f"{record.name}.json").write_text(json.dumps(values), encoding="utf-8")
-    cli("board", "write", "--board", "board")
-    found, out, err = cli("board", "check", "--board", "board")
-    assert found == code
-    assert ("1 training has one set of weights each." in out) == (code == 0)
-    assert ("but have weights aaaaaaaa and bbbbbbbb; run both" in err) == (code == 1)
-
-
 def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
     stored_run(seed=0, name="exp1-old", created="2026-01-01T00:00:00+00:00")
     stored_run(seed=0, name="exp1-new", created="2026-01-02T00:00:00+00:00", error=0.01)
@@ -98,7 +81,6 @@ def test_the_same_figures_as_json(cli, stored_run):
         (["add", "nothing-*"], "holds no complete run called like 'nothing-*'"),
         (["add", "exp1-par*"], "but 1 partial ones"),
         (["add", "exp1-pard"], "did you mean 'exp1-part'"),
-        (["--add", "exp1-part"], "run `tactibench board add exp1-part`"),
         (["export"], "name a file with --json or --csv"),
         (["write", "--board", "nowhere"], "there is no board in nowhere"),
     ],
@@ -159,3 +141,21 @@ def test_a_protocol_without_a_board_file_shows_all_metrics_in_one_table(
         assert "MAE, mm" in shown
         assert "0.2500" in shown
         assert "missed contacts, " in shown
+
+
+@pytest.mark.long
+def test_a_record_is_reproduced_by_a_command(cli, tmp_path, monkeypatch):
+    files = few_presses(tmp_path / "few")
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(files["exp1"].parent))
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    Path("leaderboards").mkdir()
+    assert cli("run", "few-exp1", "--model", "nearest", "--presses", "40")[0] == 0
+    assert cli("board", "submit", *(path.name for path in Path("runs").glob("few-*")))[0] == 0
+    (path,) = Path("leaderboards/submissions/few-exp1").glob("*.json")
+    code, out, _ = cli("board", "reproduce", str(path), "--by", "a lab", "--json", "rows.json")
+    assert code == 0
+    assert out.startswith(f"REPRODUCED {path.name}\n")
+    assert "metrics within tolerance, on the same test frames" in out
+    assert f"noted in {path}: reproduced by a lab" in out
+    assert {row["within"] for row in json.loads(Path("rows.json").read_text())} == {True}
+    assert cli("board", "verify", str(path))[0] == 0

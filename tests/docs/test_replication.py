@@ -26,7 +26,7 @@ def test_the_tables_are_what_the_committed_records_give(making: Any) -> None:
 
 
 def test_a_system_is_found_by_its_recipe_and_decoder(making: Any, fabricate: Any) -> None:
-    from tactibench.board.grouping import rows_of
+    from tactibench.board import rows_of
 
     paper = making.System("unet")
     default = making.System("unet", recipe="default")
@@ -43,7 +43,7 @@ def test_a_system_is_found_by_its_recipe_and_decoder(making: Any, fabricate: Any
 def test_rows_with_another_encoder_are_no_system_of_the_comparison(
     making: Any, fabricate: Any
 ) -> None:
-    from tactibench.board.grouping import rows_of
+    from tactibench.board import rows_of
 
     (row,) = rows_of([fabricate("exp1", "unet", settings={})])
     row.first.encoder.name = "depth"

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tactibench.board import family_errors
-from tactibench.board.grouping import rows_of
+from tactibench.board import family_errors, rows_of
 from tactibench.metrics import FAMILIES
 from tactibench.protocols import board_spec, load_protocol
 from tactibench.records import Cause, Failures, Metric, Record

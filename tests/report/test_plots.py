@@ -29,9 +29,9 @@ from tactibench.board import (
     curves,
     frontiers,
     ranking_error,
+    rows_of,
     sections_of,
 )
-from tactibench.board.grouping import rows_of
 from tactibench.contacts import Contacts, Grid
 from tactibench.metrics import fit_threshold
 from tactibench.protocols import load_published, published_means

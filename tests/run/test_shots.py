@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
-from tactibench.board import command_options
-from tactibench.board.grouping import rows_of
+from tactibench.board import command_options, rows_of
 from tactibench.frames import check_labelled
 from tactibench.records import StoredRun
 from tactibench.run import RunPlan, TestOptions, read_test_options

@@ -21,7 +21,6 @@ from tactibench.board import (
     section_key,
     submissions,
     trained_on,
-    trusted_host,
     verify,
 )
 from tactibench.plugins import PluginHost
@@ -261,7 +260,7 @@ def test_a_submission_is_scored_again_on_the_recording_that_was_tested(
     submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path, model: str
 ) -> None:
     path = submitted(model)
-    found = verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))
+    found = verify(path, Source(PluginHost(), tmp_path / "cache", folders[1]))
     assert found.frames == 18
     groups = {row.group for row in found.again}
     assert groups == ({"0"} if model == "mean" else {"0", "5", "20"})
@@ -272,9 +271,9 @@ def test_a_submission_needs_the_recording_that_was_tested(
 ) -> None:
     path = submitted("kernel")
     with pytest.raises(UserError, match="not the recording in"):
-        verify(path, Source(trusted_host(), tmp_path / "cache", folders[0]))
+        verify(path, Source(PluginHost(), tmp_path / "cache", folders[0]))
     with pytest.raises(UserError, match="folder of the tested one"):
-        verify(path, Source(trusted_host(), tmp_path / "cache", None))
+        verify(path, Source(PluginHost(), tmp_path / "cache", None))
 
 
 def test_a_submission_cannot_choose_its_own_numbers_of_labelled_frames(
@@ -286,7 +285,7 @@ def test_a_submission_cannot_choose_its_own_numbers_of_labelled_frames(
     record["data"]["of_tested_sensor"]["labelled_frames"] = [0, 18]
     path.write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(UserError, match=r"shown \[0, 18\] labelled frames"):
-        verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))
+        verify(path, Source(PluginHost(), tmp_path / "cache", folders[1]))
 
 
 @pytest.mark.parametrize("seen", [None, 3, {}, {"labelled_frames": list(SHOTS), "described": 7}])
@@ -299,4 +298,4 @@ def test_a_record_that_says_nothing_of_the_tested_sensor_is_refused_in_a_sentenc
     record["data"]["of_tested_sensor"] = seen
     path.write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(UserError, match=r"labelled frames|is not the recording|of_tested_sensor"):
-        verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))
+        verify(path, Source(PluginHost(), tmp_path / "cache", folders[1]))

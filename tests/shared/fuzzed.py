@@ -6,14 +6,10 @@ A target takes bytes. It may succeed or raise what becomes a sentence for the us
 from __future__ import annotations
 
 import io
-import json
 import random
-import shutil
-import tempfile
+import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,89 +78,29 @@ def _settings_seeds(_: Path) -> list[bytes]:
 def _record(data: bytes, folder: Path) -> None:
     from tactibench.board import (
         compact,
-        read_untrusted,
+        read_submission,
         refuse_differences,
         refuse_names,
-        refuse_signature,
         slot,
         text_of,
     )
-    from tactibench.records import parse_record, refuse_changed
+    from tactibench.records import make_signature
 
-    path = _in(folder, "r.json", data)
-    values = read_untrusted(path)
-    record = parse_record(values, str(path))
-    refuse_changed(values, str(path))
+    name = re.search(rb'"name": "([A-Za-z0-9][A-Za-z0-9_-]*)"', data)
+    place = folder / "exp2"
+    place.mkdir(exist_ok=True)
+    path = _in(place, f"{name[1].decode() if name else 'r'}.json", data)
+    record = read_submission(path)
     refuse_names(record, str(path))
     slot(record)
     text_of(compact(record))
     refuse_differences(record.metrics, record.metrics, str(path))
-    refuse_signature(record, str(path))
+    make_signature(record)
 
 
 def _records(_: Path) -> list[bytes]:
-    found = sorted(ROOT.glob("leaderboards/submissions/*/*.json"))
+    found = sorted(ROOT.glob("leaderboards/submissions/exp2/*.json"))
     return [path.read_bytes() for path in found[:: max(1, len(found) // 6)]]
-
-
-@cache
-def _submission_source() -> Any:
-    from tactibench.board import Source, trusted_host
-
-    return Source(trusted_host(), Path(tempfile.mkdtemp(prefix="fuzz-cache-")))
-
-
-def _place(folder: Path) -> Path:
-    """A folder of submissions, as `board verify` wants it."""
-    place = folder / "submissions" / "exp2"
-    place.mkdir(parents=True, exist_ok=True)
-    return place
-
-
-def _submission(data: bytes, folder: Path) -> None:
-    """A whole submission, scored again; what still is a record is signed, as by a forger."""
-    import forged
-
-    from tactibench.board import score_again
-
-    place, name = _place(folder), forged.base_file("plain").stem
-    try:
-        values = json.loads(data)
-        forged.sign(values)
-        name = values["name"] if m.NAME.fullmatch(values["name"]) else name
-        data = json.dumps(values).encode()
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        pass
-    (place / f"{name}.json").write_bytes(data)
-    shutil.copyfile(forged.base_file("plain").with_suffix(".npz"), place / f"{name}.npz")
-    score_again(place / f"{name}.json", _submission_source())
-
-
-def _submissions(_: Path) -> list[bytes]:
-    import forged
-
-    return [forged.base_file("plain").read_bytes()]
-
-
-def _arrays(data: bytes, folder: Path) -> None:
-    """The answers of a submission, with their hash in the record as far as they have one."""
-    import forged
-
-    from tactibench.board import score_again
-
-    base = forged.base_file("plain")
-    path = _place(folder) / base.name
-    path.with_suffix(".npz").write_bytes(data)
-    path.write_bytes(base.read_bytes())
-    with suppress(Exception), np.load(io.BytesIO(data)) as file:
-        forged.state_hash(path, {name: file[name] for name in file.files})
-    score_again(path, _submission_source())
-
-
-def _arrays_seeds(_: Path) -> list[bytes]:
-    import forged
-
-    return [forged.base_file("plain").with_suffix(".npz").read_bytes()]
 
 
 def _answers(data: bytes, folder: Path) -> None:
@@ -320,9 +256,9 @@ TARGETS = {
     "sweep": Target(_sweep, _files("docs/examples/*.toml"), TEXT),
     "hardware": Target(_settings, _settings_seeds, TEXT),
     "record": Target(_record, _records, JSON),
-    "submission": Target(_submission, _submissions, JSON),
-    "arrays": Target(_arrays, _arrays_seeds, (m.arrays_wrong, m.arrays_wrong, m.bytes_wrong)),
-    "answers": Target(_answers, _answers_seeds, (m.bytes_wrong, lambda _, data: data)),
+    "answers": Target(
+        _answers, _answers_seeds, (m.arrays_wrong, m.bytes_wrong, lambda _, data: data)
+    ),
     "table": Target(_table, _tables, TEXT),
     "png": Target(_png, _pngs, (m.png_wrong, m.png_wrong, m.bytes_wrong)),
     "weights": Target(_weights, _weights_seeds, (m.safetensors_wrong, m.bytes_wrong)),

@@ -1,0 +1,87 @@
+"""A committed record is reproduced by its request, and a record that says more is not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench import UserError
+from tactibench.board import (
+    add,
+    note_reproduction,
+    read_submission,
+    reproduce,
+    reproduction_rows,
+    request_of_record,
+)
+from tactibench.records import StoredRun
+from tactibench.run import NullReporter, TestOptions
+
+
+@pytest.fixture
+def submitted(
+    run: Callable[..., StoredRun], mini: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Path]:
+    """Keywords of a request -> the record of its run, committed."""
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(Path(mini("exp1")).parent))
+    return lambda **more: add(run("exp1", **more), tmp_path / "board").path
+
+
+def test_a_run_is_made_again_and_noted(submitted, host, tiny) -> None:
+    path = submitted(presses=20, parameters={"sensor": {"offset": "2"}})
+    trained = len(tiny.TinyModel.fits)
+    found = reproduce(path, host, NullReporter())
+    assert len(tiny.TinyModel.fits) == trained + 1
+    assert (found.reproduced, found.same_frames) == (True, True)
+    assert all(row["within"] for row in reproduction_rows(found))
+    before = read_submission(path)
+    assert before.reproduced is None
+    note = note_reproduction(found, "a lab")
+    after = read_submission(path)
+    assert (after.reproduced, after.metrics) == (note, before.metrics)
+    assert note.by == "a lab"
+
+
+def test_weights_of_a_cache_are_used_where_one_is_named(submitted, host, tiny, tmp_path) -> None:
+    path = submitted()
+    trained = len(tiny.TinyModel.fits)
+    assert reproduce(path, host, NullReporter(), cache=tmp_path / "cache").reproduced
+    assert len(tiny.TinyModel.fits) == trained
+
+
+def test_a_better_error_than_that_of_the_run_is_not_reproduced(submitted, host) -> None:
+    path = submitted()
+    record = json.loads(path.read_text(encoding="utf-8"))
+    del record["identity"]["sealed"]
+    (row,) = (r for r in record["metrics"] if (r["metric"], r["group"]) == ("gospa1_mm", "all"))
+    row |= {"value": row["value"] / 10, "low": row["low"] / 10, "high": row["high"] / 10}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    found = reproduce(path, host, NullReporter())
+    outside = [one for one in found.metrics if not one.within]
+    assert [(one.stated.metric, one.decides) for one in outside] == [("gospa1_mm", True)]
+    assert not found.reproduced
+    with pytest.raises(UserError, match="was not reproduced"):
+        note_reproduction(found, "a lab")
+    assert read_submission(path).reproduced is None
+
+
+def test_the_request_of_a_record_is_that_of_its_run(run, host, tmp_path) -> None:
+    test = TestOptions(parameters={"offset": "3"})
+    made = run("exp1", regime="multiple", seed=4, presses=20, test=test).record
+    request = request_of_record(made, host, None)
+    assert (request.regime, request.seed, request.presses, request.test) == (
+        "multiple",
+        4,
+        20,
+        test,
+    )
+    made.sensor.name = "recorded"
+    with pytest.raises(UserError, match="read a recording; name its folder, or one above it"):
+        request_of_record(made, host, None)
+    folder = tmp_path / "data" / "skin"
+    folder.mkdir(parents=True)
+    assert request_of_record(made, host, folder).data == folder
