@@ -2,7 +2,7 @@
 
 The request of a record is its protocol, model, parameters, regime, sensor, encoder and seed. The
 plugins that are installed carry it out. Frames, weights and answers are made anew, unless a cache
-of weights and frames is named.
+is named.
 
 Tolerances. A model that draws nothing when it is trained gives the same metric to ``EXACT``.
 Another training, on another machine or with another version of a library, ends elsewhere; its
@@ -114,7 +114,7 @@ def reproduce(
         host: The plugins that carry the request out.
         reporter: Shows the work.
         data: Folder of the recording that the run read, or a folder above its recordings.
-        cache: Folder of frames and weights that may be used; None: all are made anew.
+        cache: Folder of frames, weights and answers that may be used; None: all are made anew.
 
     Raises:
         UserError: The record is invalid, or its run cannot be made with what is installed here.
@@ -125,9 +125,8 @@ def reproduce(
     request = request_of_record(record, host, data)
     with TemporaryDirectory(prefix="tactibench-") as folder:
         place = Path(folder)
-        plan = make_plan(request, host, cache or place / "cache")
-        run = execute(plan, place / "runs", reporter, fresh=True, timed=False)
-        again = run.record
+        plan = make_plan(request, host, cache or place / "cache", store=place / "runs")
+        again = execute(plan, reporter, timed=False).record
     return ReproducedRun(path, record, again, tuple(_compare(record, again)))
 
 
