@@ -21,7 +21,6 @@ DOME = (
         "table",
         "",
         "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
-        built_in=("",),
     ),
     INSTANCE,
     Parameter(
@@ -46,7 +45,6 @@ PLANAR = (
         "table",
         "",
         "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
-        built_in=("",),
     ),
     replace(INSTANCE, help="0: nominal; N: another sensor instance (pins, camera)"),
 )
@@ -68,7 +66,6 @@ FITTED_PARAMETERS = (
         "calibration",
         "",
         "file of benchmarks/sim_against_real.py; empty: the fit to the public recording",
-        built_in=("",),
     ),
     *(
         p

@@ -18,7 +18,6 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "config",
                     "",
                     "the configuration file, see docs/hardware.md",
-                    built_in=("",),
                 ),
             ),
             origin="real",

@@ -76,9 +76,6 @@ class Parameter(Declared):
         high: Largest allowed number.
         decode_only: For encoders: changes how maps are read, but not the maps that a model is
             trained on, so that trained weights stay valid.
-        built_in: For a parameter that can name a file: the values that need no file of the user;
-            empty for all others. A committed record has one of them, because no file that a record
-            names is opened.
         checks_only: For sensors: decides what is refused, and changes no frame; at its default it
             is no part of what identifies frames.
 
@@ -94,7 +91,6 @@ class Parameter(Declared):
     low: float | None = None
     high: float | None = None
     decode_only: bool = False
-    built_in: tuple[Value, ...] = ()
     checks_only: bool = False
 
     def __post_init__(self) -> None:

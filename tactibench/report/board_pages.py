@@ -70,12 +70,12 @@ from tactibench.shipped import shipped_folder
 READING = (
     "A table holds one sensor: simulated and real never share a column. A row is a model with its "
     "settings (those that are not at their defaults), its encoder and, in brackets, its training "
-    "regime. Its training seeds are pooled. Below its name stand its prior knowledge, the number of "
-    "seeds, and whether the row was reproduced (`board reproduce`: somebody else made its runs "
+    "regime. Its training seeds are pooled. Below its name stand its prior knowledge, the number "
+    "of seeds, and whether the row was reproduced (`board reproduce`: somebody else made its runs "
     "again from their requests). A row as submitted was not: its scores are computed from its "
-    "answers, and everything else is its submitter's word. Prior knowledge is what a model knew, besides the frames of its regime, of "
-    "contacts that press together; mixing is how many frames it mixed out of single presses, for "
-    "every training frame. Models in italics are trivial.",
+    "answers, and everything else is its submitter's word. Prior knowledge is what a model knew, "
+    "besides the frames of its regime, of contacts that press together; mixing is how many frames "
+    "it mixed out of single presses, for every training frame. Models in italics are trivial.",
     "A value is the mean over seeds. Below it stands the mean of the seeds' 95 % intervals over "
     "presses. `sd` is the standard deviation over training seeds, which is not part of the "
     "interval. `n/a`: not measured, or one seed has no value.",

@@ -22,7 +22,7 @@ from tactibench.board import (
     rows_of,
     sections_of,
 )
-from tactibench.records import FrameCounts, SensorId
+from tactibench.records import FrameCounts, Reproduction, SensorId
 
 
 def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
@@ -195,3 +195,15 @@ def test_labelled_frames_of_the_tested_sensor_are_counted_whatever_was_fitted(
     assert fitted_frames(record) == fitted
     assert fitted.known == 400 + fitted.labels
     assert fitted_frames(fabricate()) is None
+
+
+def test_a_row_says_who_reproduced_how_many_of_its_runs(fabricate):
+    records = [fabricate(seed=seed) for seed in range(3)]
+    (row,) = rows_of(records)
+    assert row.reproduced == "as submitted"
+    note = Reproduction(by="a lab", machine="Xeon (0123)", date="2026-11-27")
+    records[0].reproduced = note
+    assert row.reproduced == "1 of 3 reproduced by a lab"
+    for record in records:
+        record.reproduced = note
+    assert row.reproduced == "reproduced by a lab"
