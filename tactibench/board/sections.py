@@ -18,8 +18,7 @@ from tactibench.board.submissions import (
     slot,
 )
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols import Ranking, load_protocol, version_of
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import Ranking, board_spec, load_protocol, version_of
 from tactibench.records import Record, SensorId, StoredRun, canonical, digest, stored_runs
 
 NOMINAL, TESTED, OTHER, PERTURBED, FINITE_ELEMENTS = range(5)

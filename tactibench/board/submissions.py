@@ -28,11 +28,11 @@ from tactibench.errors import UserError
 from tactibench.metrics import PlateTrials, Trials, press_shares
 from tactibench.protocols import (
     Protocol,
+    board_spec,
     protocol_files,
     recorded_version,
     unknown_protocol,
 )
-from tactibench.protocols.board_spec import board_spec
 from tactibench.records import (
     CHECKSUM,
     Record,

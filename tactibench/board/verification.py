@@ -40,8 +40,13 @@ from tactibench.frames import (
 )
 from tactibench.geometry import true_contacts
 from tactibench.plugins import PluginHost, SensorSpec
-from tactibench.protocols import HiddenSeed, LoadedProtocol, recorded_seed, recorded_version
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import (
+    HiddenSeed,
+    LoadedProtocol,
+    board_spec,
+    recorded_seed,
+    recorded_version,
+)
 from tactibench.records import BoundSpec, Metric, Record, arrays_hash, digest, make_signature
 from tactibench.run import (
     HIDDEN,

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tactibench.board import PressErrors, all_press_errors, ranks, read_submissions, rows_of
-from tactibench.protocols import protocol_files
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols import board_spec, protocol_files
 from tactibench.stats import mean_interval
 
 BOARD = Path(__file__).resolve().parents[2] / "leaderboards"

@@ -40,7 +40,7 @@ from tactibench.protocols import (
     read_protocol,
     split_presses,
 )
-from tactibench.protocols.hidden_seed import VARIABLE
+from tactibench.protocols.loader import SEED_VARIABLE as VARIABLE
 from tactibench.records import (
     arrays_hash,
     make_signature,

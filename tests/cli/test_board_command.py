@@ -23,7 +23,7 @@ def test_runs_are_added_written_and_checked(cli, stored_run):
     assert "leaderboards/exp1.md: 2 runs; written" in out
     text = Path("leaderboards/exp1.md").read_text(encoding="utf-8")
     assert (
-        "| n/a | unet + hertz (single)<br><sub>prior knowledge: not stated, 2 seeds, as submitted</sub> |" in text
+        "unet + hertz (single)<br><sub>prior knowledge: not stated, 2 seeds, as submitted" in text
     )
     assert cli("board", "check")[0] == 0
     assert "exp1.md: 2 runs; unchanged" in cli("board", "write")[1]
