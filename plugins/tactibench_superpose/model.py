@@ -247,9 +247,11 @@ class Superpose(Model):
         pins = self._sensors.first
         single = self._single_presses(frames, truth)
         tested = self._single_presses(*validation)
+        sensor_count = len(np.unique(single.sensors))
+        # Of many sensors, errors are measured on those from which the fields were not learned.
+        leaves_out = sensor_count >= 2 * SENSORS_A_WAY
         learned_from = single
-        if (sensor_count := len(np.unique(single.sensors))) >= 2 * SENSORS_A_WAY:
-            # Errors are measured on sensors from which the fields were not learned.
+        if leaves_out:
             strange = np.unique(single.sensors)[::_HELD_OUT]
             learned_from, left_out = single.parted(strange)
             tested = left_out.with_others(tested.parted(strange)[1])
@@ -270,13 +272,13 @@ class Superpose(Model):
         laws = self._learn_laws(groups, _HELD_OUT)
         self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))
         errors = self.errors(tested.frames, tested.contacts[:, None])
-        spread = spread.with_group(1, *errors, floor=learned_from is single)
+        spread = spread.with_group(1, *errors, floor=not leaves_out)
         for rows in rows_by_count(truth):
             some = rows[::_HELD_OUT]
             true = _contacts_of(truth, some)
             errors = self.errors([frames[int(row)] for row in some], true)
             spread = spread.with_group(min(true.shape[1], GROUPS), *errors)
-        if learned_from is not single:
+        if leaves_out:
             family = self._learn_family(single)
         laws = self._learn_laws(groups)
         self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))

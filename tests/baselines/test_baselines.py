@@ -117,34 +117,6 @@ def test_equally_near_frames_answer_the_first(rng, fitted):
 
 
 @BOTH
-@ANSWERS
-def test_stages_compose_to_predict(rng, fitted, kind, answer):
-    frames, truth = random_frames(rng, 12), random_truth(rng, answer, 12)
-    model = fitted(kind, frames, truth, answer=answer)
-    value = frames
-    for _, stage in model.stages():
-        value = stage(value)
-    assert all(map(same, value, model.predict(frames)))
-
-
-@BOTH
-def test_weights_of_another_kind_of_answer_are_refused(rng, fitted, context, tmp_path, kind):
-    fitted(kind, random_frames(rng, 3), random_plates(rng, 3), answer="plate").save(tmp_path)
-    with pytest.raises(UserError, match=r"\.npz holds .*'contacts' needs"):
-        kind(context("contacts")).load(tmp_path)
-
-
-@BOTH
-@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:100], lambda b: b"junk" + b[9:]])
-def test_damaged_weights_are_refused(rng, fitted, context, tmp_path, kind, damage):
-    fitted(kind, random_frames(rng, 3), random_contacts(rng, [1] * 3)).save(tmp_path)
-    (path,) = tmp_path.iterdir()
-    path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(UserError, match="no readable weights file"):
-        kind(context("contacts")).load(tmp_path)
-
-
-@BOTH
 def test_pickled_weights_are_never_read(rng, fitted, context, tmp_path, kind):
     fitted(kind, random_frames(rng, 3), random_contacts(rng, [1] * 3)).save(tmp_path)
     (path,) = tmp_path.iterdir()
@@ -154,14 +126,6 @@ def test_pickled_weights_are_never_read(rng, fitted, context, tmp_path, kind):
     np.savez(path, **arrays)
     with pytest.raises(UserError, match="no readable weights file"):
         kind(context("contacts")).load(tmp_path)
-
-
-def test_weights_of_another_size_are_refused(rng, fitted, context, tmp_path):
-    fitted(NearestModel, random_frames(rng, 3), random_plates(rng, 3), answer="plate").save(
-        tmp_path
-    )
-    with pytest.raises(UserError, match="size 16 needs"):
-        NearestModel(context("plate"), size=16).load(tmp_path)
 
 
 def test_a_frame_without_rest_is_refused_when_training_had_one(rng, fitted):

@@ -148,15 +148,3 @@ def test_less_light_is_undone_by_the_rest_frame(make_cnn):
     bright = flat(model.predict(with_rest(frames, still)))
     # Halving bytes loses half a level, which an untrained network may take for .1 mm.
     np.testing.assert_allclose(flat(model.predict(dim)), bright, atol=0.2)
-
-
-def test_weights_come_back_with_the_rest(make_cnn, tmp_path):
-    still, _ = resting(1, 0)
-    frames, truth = presses(40, 1)
-    model = make_cnn(epochs=1)
-    rng = np.random.default_rng(3)
-    model.fit(with_rest(frames, still), truth, validation=([], []), rng=rng, progress=Epochs())
-    model.save(tmp_path)
-    other = make_cnn()
-    other.load(tmp_path)
-    np.testing.assert_array_equal(flat(other.predict(frames)), flat(model.predict(frames)))

@@ -222,6 +222,13 @@ def test_weights_of_another_model_are_refused(name: str, tmp_path: Path) -> None
         subject(name).build().load(tmp_path)
 
 
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("cnn", "unet")])
+def test_a_model_that_learned_nothing_does_not_answer(name: str) -> None:
+    """A convolutional network answers with its first weights; all others know no pins."""
+    with pytest.raises(UserError, match=r"train it|fit it|first"):
+        subject(name).build().predict(list(subject(name).test_examples.frames[:1]))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_training_without_frames_is_refused(name: str) -> None:
     with pytest.raises(UserError, match=r"train|rest image"):

@@ -98,15 +98,6 @@ def test_more_contacts_than_cells_are_refused():
         ENCODER.encode(scattered(1, 2, 3.0), Grid.centred(1, 20.0))
 
 
-def test_batches_are_what_single_frames_are():
-    truth = [scattered(seed, seed % 4, 2.5) for seed in range(6)]
-    maps = ENCODER.encode_batch(truth, GRID)
-    for contacts, one in zip(truth, maps, strict=True):
-        assert np.array_equal(ENCODER.encode(contacts, GRID), one)
-    for found, one in zip(ENCODER.decode_batch(maps, GRID), maps, strict=True):
-        assert np.array_equal(ENCODER.decode(one, GRID).xy, found.xy)
-
-
 def test_a_neighbour_with_the_same_contact_adds_to_its_score():
     maps = np.zeros((7, 16, 16), np.float32)
     maps[:4, 8, 8] = [0.5, 0.8, 0, 2]

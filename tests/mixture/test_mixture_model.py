@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from tactibench import Contacts, Grid, PlatePose, UserError
+from tactibench import Grid, UserError
 
 
 def flat(answers):
@@ -48,34 +46,6 @@ def test_the_std_are_those_of_the_network_times_the_factors(trained, make_presse
 def test_frames_with_several_contacts_are_learned_from_and_kept_for_the_std(make_mixture, fit):
     report = fit(make_mixture(epochs=1), count=40, most=2)
     assert report.notes["kept_for_std"] == 1
-
-
-@pytest.mark.long
-def test_plates_are_learned_with_labels_of_any_sign(make_mixture, fit, make_presses):
-    model = make_mixture(answer="plate", epochs=25)
-    fit(model, count=128, plate=True)
-    frames, truth = make_presses(30, 8, plate=True)
-    pairs = [(p, t) for p, t in zip(model.predict(frames), truth, strict=True) if p is not None]
-    assert len(pairs) >= 15
-    assert all(isinstance(pose, PlatePose) for pose, _ in pairs)
-    assert np.mean([abs(pose.depth - true.depth) for pose, true in pairs]) < 0.8
-    assert np.mean([abs(pose.tilt - true.tilt) for pose, true in pairs]) < 2.5
-
-
-def test_a_model_without_training_knows_no_pins(make_mixture, make_presses):
-    with pytest.raises(UserError, match="train it"):
-        make_mixture().predict(make_presses(1, 5)[0])
-
-
-def test_frames_without_a_rest_image_take_the_least_pressed(make_mixture, make_presses, draw):
-    press, _, _ = draw
-    frames, truth = make_presses(8, 5)
-    still = press(Contacts.none())
-    frames = [replace(frame, rest=None) for frame in [*frames[:4], still, *frames[4:]]]
-    model = make_mixture()
-    model.prepare(frames, [*truth[:4], Contacts.none(), *truth[4:]])
-    assert model.inputs([still]).abs().max() < 0.02
-    assert model.inputs(frames[:1]).abs().max() > 0.1
 
 
 def test_an_encoder_of_another_kind_is_refused(make_mixture):

@@ -59,14 +59,6 @@ def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp
         assert [len(contacts) for contacts in learned.predict(frames)] == [1] * 20
 
 
-@pytest.mark.long
-def test_a_plate_is_always_there(taught, make_presses):
-    frames, _ = make_presses(3, 8)
-    still = [replace(frame, signal=frame.rest) for frame in frames]
-    for model, _ in taught.values():
-        assert all(np.isfinite([pose.depth, pose.tilt]).all() for pose in model.predict(still))
-
-
 def test_how_far_pins_went_decides():
     values = np.array([[1.0, 2.0, 3.0, far] for far in (0.0, 0.49, 0.5, 2.0)])
     assert [len(contacts) for contacts in read_answers(values, "contacts", 0.5)] == [0, 0, 1, 1]
@@ -109,13 +101,6 @@ def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
     assert 1 in learn([*truth[:3], Contacts.none()]).notes.values()
     with pytest.raises(UserError, match="raise the training count"):
         learn([Contacts.none()] * 4)
-
-
-@both
-def test_before_a_training_there_is_nothing_to_say(make_model, make_presses, name):
-    frames, _ = make_presses(1, 14)
-    with pytest.raises(UserError, match="has learned nothing yet"):
-        make_model(name).predict(frames)
 
 
 @pytest.mark.long

@@ -116,32 +116,6 @@ def test_the_report_tells_what_was_seen(fitted, fitted_to_duals):
     assert fitted[1].seconds > 0
 
 
-def test_weights_are_kept(fitted, make, presses, singles_found, duals_found, tmp_path):
-    fitted[0].save(tmp_path)
-    model = make()
-    model.load(tmp_path)
-    same(model.predict(presses["test"][0]), singles_found)
-    same(model.predict(presses["dual"][0]), duals_found)
-    assert model.parameter_count() == fitted[0].parameter_count()
-    # Once more round.
-    (tmp_path / "again").mkdir()
-    model.save(tmp_path / "again")
-    name = "weights.safetensors"
-    assert (tmp_path / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
-
-
-@pytest.mark.parametrize("what", ["predict", "save", "stages"])
-def test_without_weights_there_are_no_answers(make, presses, tmp_path, what):
-    model = make()
-    ask = {
-        "predict": lambda: model.predict(presses["rest"][0]),
-        "save": lambda: model.save(tmp_path),
-        "stages": lambda: model.stages()[0][1](presses["rest"][0]),
-    }
-    with pytest.raises(UserError, match="no weights"):
-        ask[what]()
-
-
 def test_the_law_is_learned_where_there_are_presses_with_several(
     fitted, fitted_to_duals, presses, duals_found
 ):

@@ -162,18 +162,6 @@ def test_beyond_the_lattice_its_edge_holds(learned, place, axis, beyond, side):
     np.testing.assert_allclose(learned(outside), learned(edge), atol=1e-6)
 
 
-def test_any_leading_shape(learned, known):
-    contacts = known[1][0][:24]
-    count = learned.coefficients.shape[-1]
-    block = learned.slopes(contacts.reshape(2, 3, 4, 3))[..., 0, :]
-    assert block.shape == (2, 3, 4, 4, count)
-    np.testing.assert_array_equal(block.reshape(24, 4, count), learned.slopes(contacts)[..., 0, :])
-    np.testing.assert_array_equal(learned(contacts[0]), learned(contacts)[0])
-    assert learned(contacts.tolist()).shape == (24, count)
-    assert learned(np.empty((0, 3))).shape == (0, count)
-    assert learned.slopes(np.empty((5, 0, 3))).shape == (5, 0, 4, 1, count)
-
-
 def test_order_of_presses_hardly_matters(known, learned):
     # Not at all but for the ridge, which is chosen on every tenth press.
     (contacts, values), (others, _) = known
@@ -187,14 +175,6 @@ def test_too_few_presses_are_refused(known, count):
     with pytest.raises(UserError, match=f"{count} presses") as caught:
         Field.learn(contacts[:count], values[:count])
     assert str(FEWEST) in str(caught.value)
-
-
-def test_the_fewest_presses_are_enough(known):
-    contacts, values = known[0]
-    field = Field.learn(contacts[:FEWEST], values[:FEWEST])
-    assert np.isfinite(field(known[1][0])).all()
-    # 20 presses foretell better than nothing does.
-    assert rms(field(known[1][0]) - known[1][1]) < 0.7 * rms(known[1][1])
 
 
 def test_one_depth_and_one_line_are_learned_too(push_pins):

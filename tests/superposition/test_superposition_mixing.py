@@ -126,13 +126,6 @@ def test_the_same_rng_the_same_frames(singles, mixed):
     assert not np.array_equal(first[1][0].xy, mixed[1][0].xy), "the generator goes on"
 
 
-def test_nothing_that_was_given_is_changed(singles):
-    images = [frame.image.copy() for frame in singles[0]]
-    made(singles, 3)
-    for frame, image in zip(singles[0], images, strict=True):
-        np.testing.assert_array_equal(frame.image, image)
-
-
 def test_the_pins_stand_where_the_fields_add_up(singles, push_pins):
     """Without a law of neighbours: displacements are the sums of the known field."""
     frames, truth = made(singles, 40, law=NeighbourLaw.none())

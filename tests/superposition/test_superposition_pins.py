@@ -28,31 +28,6 @@ def test_contacts_as_rows():
     assert contact_array([ONE] * 4).shape == (4, 1, 3)
 
 
-def test_pins_move_as_they_were_pushed(singles, push_pins, pins):
-    tracker = PinTracker.of(singles[0])
-    assert tracker.side == 80
-    np.testing.assert_allclose(tracker.rest, pins, atol=0.05)
-    moved = tracker.displacements(tracker.images(singles[0]))
-    assert moved.shape == (len(singles[0]), 2 * len(pins))
-    wanted = push_pins(contact_array(singles[1]))
-    assert np.median(np.abs(moved - wanted)) < 0.02
-    assert np.abs(moved - wanted).mean() < 0.05
-
-
-def test_an_untouched_frame_moves_no_pin_and_no_frame_gives_no_row(singles):
-    tracker = PinTracker.of(singles[0])
-    np.testing.assert_allclose(tracker.displacements(tracker.rest_image[None]), 0, atol=0.01)
-    assert tracker.displacements(tracker.images([])).shape == (0, 2 * len(tracker.rest))
-
-
-def test_frames_do_not_feel_each_other(singles):
-    tracker = PinTracker.of(singles[0])
-    images = tracker.images(singles[0][:6])
-    whole = tracker.displacements(images)
-    for row in range(6):
-        np.testing.assert_array_equal(tracker.displacements(images[row : row + 1])[0], whole[row])
-
-
 def test_a_tracker_is_its_rest_image(singles):
     tracker = PinTracker.of(singles[0])
     again = PinTracker(tracker.rest_image.copy())

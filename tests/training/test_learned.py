@@ -11,7 +11,7 @@ from state_hash import state_hash
 from torch import nn
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
-from tactibench.training import LearnedModel, Recipe, image_tensor, load_weights, position_error_mm
+from tactibench.training import LearnedModel, Recipe, image_tensor, position_error_mm
 
 
 class Line(nn.Module):
@@ -175,20 +175,6 @@ def test_mixing_comes_from_the_rng_and_leaves_the_other_seeds_alone(make, mixed)
     assert state_hash(first.network) == state_hash(second.network)
     assert state_hash(first.network) != state_hash(third.network)
     assert len(mixed) == 2
-
-
-def test_saved_weights_answer_the_same_and_bring_what_was_learned_beside_them(make, tmp_path):
-    model, other = make(), make()
-    fit(model)
-    model.save(tmp_path)
-    other.load(tmp_path)
-    frames, _ = presses(5, 2)
-    assert other.scale == model.scale
-    assert state_hash(other.network) == state_hash(model.network)
-    assert np.array_equal(depths(other.predict(frames)), depths(model.predict(frames)))
-    assert load_weights(tmp_path, model="brightness", architecture={"size": 8})[1] == {
-        "scale": model.scale
-    }
 
 
 def test_operations_are_counted_by_hand(make):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from silent import Epochs
 from single_presses import single_presses
 
 from tactibench import Grid, ModelContext
@@ -39,24 +38,3 @@ def test_a_camera_that_is_turned_and_nearer_gives_the_network_the_same(make, nam
     if name == "vgnn":  # discs have few pixels: how a pin's picture grows is all but noise
         own, other = own[..., :3], other[..., :3]
     assert np.sqrt(np.square(own - other).mean()) < 0.06 * np.sqrt(np.square(own).mean())
-
-
-@pytest.mark.long
-@every
-def test_it_learns_from_several_sensors_and_keeps_what_it_learned(make, name, tmp_path):
-    model = make(name)
-    model.fit(
-        *single_presses(36, 2, instances=3),
-        validation=single_presses(4, 3, instances=3),
-        rng=np.random.default_rng(0),
-        progress=Epochs(),
-    )
-    model.save(tmp_path)
-    again = make(name)
-    again.load(tmp_path)
-    unseen = [*single_presses(4, 4, instance=3)[0], *single_presses(4, 5)[0]]
-    mixed = [unseen[k] for k in (4, 0, 5, 1, 6, 2, 7, 3)]
-    together = model.evaluate(mixed)
-    np.testing.assert_array_equal(again.evaluate(mixed), together)
-    alone = np.concatenate([model.evaluate([frame]) for frame in mixed])
-    np.testing.assert_allclose(alone, together, atol=1e-3)

@@ -11,11 +11,6 @@ def flat(answers):
     return np.array([[*contacts.xy[0], contacts.depth[0]] for contacts in answers])
 
 
-def test_learning_reduces_the_loss(make_model):
-    report = fit(make_model(epochs=4), count=48)
-    assert report.history[-1]["loss"] < report.history[0]["loss"]
-
-
 def test_predict_folds_batch_norm_without_changing_the_maps(trained):
     frames, _ = presses(4, 5)
     images = torch.from_numpy(np.stack([frame.image for frame in frames]))[:, None]
@@ -58,17 +53,6 @@ def test_weights_are_read_with_the_headroom_they_were_trained_in(make_model, tra
 def test_every_size_and_stem_gives_maps_on_the_grid(make_model, size, stem):
     model = make_model(size=size, stem=stem)
     assert model.maps(presses(1, 5)[0]).shape == (1, 1, 64, 64)
-
-
-@pytest.mark.parametrize(
-    ("width", "size", "recipe"),
-    [(8, 128, "default"), (16, 96, "default"), (32, 64, "default"), (64, 64, "paper")],
-)
-def test_every_width_and_size_is_trained(make_model, width, size, recipe):
-    grid = Grid.centred(16, 1.6)
-    model = make_model(width=width, size=size, recipe=recipe, epochs=1, grid=grid)
-    assert np.isfinite(fit(model, count=2).history[0]["loss"])
-    assert len(model.predict(presses(1, 5)[0])) == 1
 
 
 def test_a_grid_that_is_not_square_is_filled(make_model):

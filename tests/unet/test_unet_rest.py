@@ -53,15 +53,3 @@ def test_each_frame_brings_its_own_rest_and_else_the_first_is_taken(make_model):
     assert torch.all(seen[0, 1] == 90)
     assert torch.all(seen[1, 1] == 20)
     np.testing.assert_array_equal(seen[1, 0].numpy(), frames[1].image)
-
-
-def test_weights_come_back_with_the_rest(make_model, tmp_path) -> None:
-    frames, truth = presses(20, 1)
-    frames = with_rest(frames)
-    model = trained(make_model, frames, truth)
-    model.save(tmp_path)
-    other = make_model(size=64)
-    other.load(tmp_path)
-    np.testing.assert_array_equal(other.maps(frames), model.maps(frames))
-    bare = [replace(frame, rest=None) for frame in frames]
-    np.testing.assert_array_equal(other.maps(bare), model.maps(frames))

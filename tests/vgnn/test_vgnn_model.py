@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactibench import Contacts, PlatePose, UserError
-from tactibench.run import NullProgress
+from tactibench import Contacts
 
 
 def flat(answers):
@@ -51,55 +50,6 @@ def test_missing_pins_drop_no_frame(taught, rest_pins, push_pins, draw_pins, mak
 
 
 @pytest.mark.long
-def test_frames_without_any_pin_are_answered(taught, rest_frame):
-    black = replace(rest_frame, signal=np.zeros_like(rest_frame.image))
-    assert isinstance(taught[0].predict([black])[0], Contacts)
-
-
-@pytest.mark.long
-def test_the_std_is_scaled_on_validation_frames(taught):
-    _, report, _ = taught
-    factors = np.array(report.notes["std_factors"])
-    assert factors.shape == (2, 3)
-    assert (factors > 0).all()
-    assert report.notes["kept_for_std"] == 0
-
-
-@pytest.mark.parametrize("graph", ["rest", "frame"])
-def test_saved_weights_give_the_same_answers(make_vgnn, fit, make_presses, tmp_path, graph):
-    frames, _ = make_presses(4, 5)
-    model = make_vgnn(graph=graph, epochs=1)
-    fit(model, count=32)
-    model.save(tmp_path)
-    other = make_vgnn(graph=graph)
-    other.load(tmp_path)
-    assert np.array_equal(other.evaluate(frames), model.evaluate(frames))
-    assert other.extra() == model.extra()
-
-
-def test_a_model_without_weights_says_so(make_vgnn, make_presses):
-    with pytest.raises(UserError, match="train it or load"):
-        make_vgnn().predict(make_presses(1, 5)[0])
-
-
-def test_frames_with_several_contacts_are_learned_from(make_vgnn, make_presses, fit):
-    frames, truth = make_presses(60, 5)
-    for row in range(0, 60, 2):
-        truth[row] = Contacts.truth([*truth[row].xy, [0.0, 0.0]], [*truth[row].depth, 1.0])
-    model = make_vgnn(epochs=1)
-
-    report = model.fit(
-        frames,
-        truth,
-        validation=(frames[:4], truth[:4]),
-        rng=np.random.default_rng(0),
-        progress=NullProgress(),
-    )
-    assert report.notes["kept_for_std"] == 1
-    assert len(model.predict(frames)) == 60
-
-
-@pytest.mark.long
 def test_mixed_frames_are_learned_from_and_scale_the_std(make_vgnn, fit):
     report, _ = fit(make_vgnn(mixing=0.25, epochs=1), count=64)
     assert report.notes["mixed"] == round(0.25 * (64 + 2))  # two of the sensor at rest
@@ -111,16 +61,3 @@ def test_frames_without_a_rest_image_take_the_least_pressed(make_vgnn, make_pres
     model = make_vgnn()
     model.prepare(frames, [*truth, Contacts.none()])
     assert model.inputs([frames[-1]])[..., :4].abs().max() < 1e-6
-
-
-@pytest.mark.long
-def test_plates_are_answered_with_labels_of_any_sign(make_vgnn, fit, make_presses):
-    model = make_vgnn(answer="plate", epochs=8)
-    _, progress = fit(model, count=200, plate=True)
-    assert progress.epochs[-1][1] < progress.epochs[0][1] - 2
-    assert min(error for _, _, error in progress.epochs if error is not None) < 1.0
-    found = model.predict(make_presses(40, 8, plate=True)[0])
-    poses = [pose for pose in found if pose is not None]
-    assert len(poses) > 20
-    assert all(isinstance(pose, PlatePose) for pose in poses)
-    assert np.median([pose.depth for pose in poses]) < 0
