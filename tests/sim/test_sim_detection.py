@@ -94,11 +94,3 @@ def test_no_single_press_on_a_grid_is_nearer(spacing, pose):
         best, least = places[misfit.argmin()], misfit.min()
         half *= 0.4
     assert one.deviance(scene) == pytest.approx(least, rel=1e-3)
-
-
-def test_the_camera_adds_its_noise_to_that_of_the_frame():
-    scene = Scene(Indenter.dual(1.0), Pose(0.6, -0.4, 25, depth=1.0))
-    one = sensor()
-    noisy = TacTip127(SensorContext(np.random.SeedSequence(0)), read_noise=8.0)
-    assert noisy.deviance(scene) < one.deviance(scene) / 4
-    assert one.deviance(scene, one.nuisances) < one.deviance(scene)

@@ -38,17 +38,6 @@ def test_pins_at_the_contact_spread_by_lever_and_dip():
     assert pressed[0, 2] - rest[0, 2] == pytest.approx(-0.96, abs=0.03)
 
 
-def test_smooth_in_pose():
-    """Second differences shrink with the square of the step: no kinks from the tables."""
-
-    def bend(h):
-        track = np.array([pins((2.0 + k * h, 1.0, 2.0 + k * h)) for k in range(-1, 2)])
-        return abs(track[0] - 2 * track[1] + track[2]).max() / h**2
-
-    coarse, fine = bend(1e-2), bend(1e-3)
-    assert fine < 3 * coarse + 1
-
-
 def test_look_up_is_the_tensor_spline():
     """scipy's bicubic spline on the same nodes, away from the ends where conditions differ."""
     one = shipped_dome().by_radius[3.0]

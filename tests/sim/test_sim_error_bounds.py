@@ -13,7 +13,6 @@ from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench_sim import (
     RADIUS_MM,
     Bounds,
-    Envelope,
     Reference127,
     TableMechanics,
     TacTip127,
@@ -83,20 +82,6 @@ def test_no_reference_scene_is_worse_than_its_bound():
             u, _ = mechanics.displacement(mechanics.loads(scene.as_tips), scene.directions)
             error = np.linalg.norm(u[0] - scene.displacement, axis=1).max()
             assert error <= of(scene.as_tips, mechanics.tier)[0], scene.name
-
-
-@pytest.mark.parametrize("count", [2, 3])
-def test_a_family_of_runs_is_within_the_bound_that_the_others_give(errors, count):
-    """The program of ``leave_out`` again, in full: what is left out is bounded by the others."""
-    some = [one for one in errors if len(one.delta) == count]
-    factor = (shipped_bounds()[2].pair if count == 2 else shipped_bounds()[2].many).factor
-    assert max(leave_out(some).values()) <= factor
-    for name in {one.name for one in some}:
-        others = maker.envelope([one for one in some if one.name != name])
-        for one in some:
-            if one.name == name:
-                free = Envelope(others.coefficients, factor, 9.0, 0.0, 3.0, 3.0)  # of any range
-                assert one.error <= free.bound(one.n[None], one.delta[None])[0]
 
 
 @pytest.mark.parametrize("kind", ["single", "pair"])

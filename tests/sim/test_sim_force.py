@@ -30,27 +30,12 @@ def test_a_single_contact_at_a_node_carries_what_the_table_says(tactip):
         assert force == pytest.approx([TABLE.fields["force"][node]], rel=1e-12)
 
 
-def test_a_single_contact_carries_the_same_in_both_tiers_and_at_every_yaw(tactip):
-    for depth in (0.3, 2.2, 5.9):
-        one = tactip.forces(Scene(SINGLE, Pose(2, 1, 0, 0, depth)))
-        assert sensor(tier="superpose").forces(Scene(SINGLE, Pose(2, 1, 0, 0, depth))) == one
-        turned = tactip.forces(Scene(SINGLE, Pose(-1, 2, 40, 0, depth)))
-        assert turned == pytest.approx(one, rel=1e-9)
-
-
 def test_tips_at_one_place_carry_together_what_one_carries(tactip):
     one = tactip.forces(Scene(SINGLE, Pose(1, 2, 0, 0, 2.5)))
     for count in (2, 3):
         forces = tactip.forces(Scene(tips(*[(0, 0, 0)] * count), Pose(1, 2, 0, 0, 2.5)))
         assert len(forces) == count
         assert forces.sum() == pytest.approx(one[0], rel=1e-9)
-
-
-def test_a_tip_in_the_dimple_of_another_carries_nothing(tactip):
-    scene = Scene(tips((0, 0, 0), (1.5, 0, -1)), Pose(depth=2))
-    forces = tactip.forces(scene)
-    assert len(forces) == len(true_contacts(scene)) == 2
-    assert forces == pytest.approx([tactip.forces(Scene(SINGLE, Pose(depth=2)))[0], 0.0])
 
 
 @pytest.mark.parametrize("spacing", [16.0, 20.0, 24.0])

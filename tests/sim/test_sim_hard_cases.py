@@ -79,14 +79,6 @@ def test_a_light_touch_beside_a_deep_one_moves_little(tier):
             assert abs(both - alone).max() < 10 * depth + 1e-12
 
 
-@every_tier()
-def test_a_tip_comes_down_without_a_jump(tier):
-    def field(depth):
-        return moved(tier, (-7.0, 0.0, 6.0), (8.5, 0.0, depth))
-
-    assert worst_jump(field, -0.5, 0.5, 50) < 1e-6
-
-
 # -- two identical indenters equal one
 
 
