@@ -157,6 +157,7 @@ class Continuation:
             several indenters.
         displacement: Range of the degrees of freedom that are displacements; None: all.
         settings: Settings of the increments and the Newton method; None: the defaults.
+        on_step: Called with the level at every equilibrium on the way.
         level: Level at the start.
         tangent: Form whose second derivative is factorised; None: ``form``. A slightly different
             one costs an iteration or two, never accuracy.
@@ -170,12 +171,13 @@ class Continuation:
         *,
         displacement: Any = None,
         settings: Settings | None = None,
+        on_step: Callable[[float], object] | None = None,
         level: float = 0.0,
         tangent: Any = None,
     ) -> None:
         self.form, self.state, self.set_level = form, state, set_level
         self.tangent = form if tangent is None else tangent
-        self.settings = settings or Settings()
+        self.settings, self.on_step = settings or Settings(), on_step
         self.level = level
         self._moving = slice(None) if displacement is None else displacement
         self._free = state.space.FreeDofs()
@@ -205,6 +207,8 @@ class Continuation:
                 self._before = (self.level, keep)
                 self.level += step
                 step = self._next_try(step, iterations)
+                if self.on_step is not None:
+                    self.on_step(self.level)
                 continue
             vec.data, self._inverse = keep, inverse
             self.set_level(self.level)
