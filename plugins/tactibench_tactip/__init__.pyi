@@ -10,9 +10,9 @@ from .camera import configure as configure
 from .camera import open_capture as open_capture
 from .collection import Callbacks as Callbacks
 from .collection import SessionReport as SessionReport
-from .collection import StopSignals as StopSignals
 from .collection import collect as collect
 from .collection import dry_run as dry_run
+from .collection import stop_signals as stop_signals
 from .commands import VERBS as VERBS
 from .commands.calibrate import fit_centre as fit_centre
 from .commands.calibrate import fit_yaw as fit_yaw
@@ -37,7 +37,6 @@ from .grbl import GrblRobot as GrblRobot
 from .grbl import NoAnswerError as NoAnswerError
 from .motion import Mover as Mover
 from .motion import RobotThread as RobotThread
-from .motion import distance_from_line as distance_from_line
 from .motion import move_seconds as move_seconds
 from .plan import CollectionPlan as CollectionPlan
 from .plan import check_plan as check_plan
@@ -57,7 +56,7 @@ from .robots import RobotState as RobotState
 from .robots import StopNowError as StopNowError
 from .robots import connect_seconds as connect_seconds
 from .robots import make_robot as make_robot
-from .settings import MAY_CHANGE as MAY_CHANGE
+from .settings import BINDING as BINDING
 from .settings import CameraSettings as CameraSettings
 from .settings import EnvelopeSettings as EnvelopeSettings
 from .settings import FrameSettings as FrameSettings

@@ -6,8 +6,6 @@ written when it is complete, and a later session makes the presses that the data
 
 from __future__ import annotations
 
-import hashlib
-import json
 import signal
 import threading
 import time
@@ -15,7 +13,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -80,13 +78,11 @@ class Callbacks:
     Attributes:
         notify: Takes a sentence for a person.
         advance: Takes the number of samples just written.
-        should_end: Returns whether to end after this press.
         mount: Asks for another indenter, and returns whether it is mounted.
     """
 
     notify: Callable[[str], None] = lambda _: None
     advance: Callable[[int], None] = lambda _: None
-    should_end: Callable[[], bool] = lambda: False
     mount: MountRequest = lambda _indenter, _count: False
 
 
@@ -117,8 +113,8 @@ class Collector:
             int(event["id"]) for event in writer.events if event.get("kind") == "protective-stop"
         )
 
-    def run(self) -> None:
-        """Make the presses that are missing.
+    def run(self, ended: threading.Event) -> None:
+        """Make the presses that are missing, until ``ended`` is set.
 
         Presses that need another indenter are made when ``mount`` says that it is mounted.
 
@@ -132,8 +128,7 @@ class Collector:
             "session",
             session=self._session,
             todo=len(todo),
-            press_mm_s=settings.robot.press_mm_s,
-            settle_s=settings.timing.settle_s,
+            configuration=settings.record(),
             robot=self._station.robot.describe(),
         )
         mounted = self._station.indenter
@@ -143,7 +138,7 @@ class Collector:
         try:
             for indenter, presses in groups:
                 if not report.interrupted and self._mount(indenter, len(presses)):
-                    self._press_all(presses)
+                    self._press_all(presses, ended)
         except StopNowError:
             report.interrupted = True
         finally:
@@ -160,11 +155,11 @@ class Collector:
         station.mount(indenter)
         return True
 
-    def _press_all(self, presses: Iterable[Press]) -> None:
+    def _press_all(self, presses: Iterable[Press], ended: threading.Event) -> None:
         """Make the presses of one indenter, whose length is not known before it first touches."""
         first = True
         for press in presses:
-            if self._callbacks.should_end():
+            if ended.is_set():
                 self.report.interrupted = True
                 return
             if first or self._touch.is_due:
@@ -321,39 +316,39 @@ def _floats(values: Iterable[float]) -> list[float]:
     return [float(value) for value in values]
 
 
-class StopSignals:
-    """Handler of signals: the first Ctrl-C ends after the press, the second or SIGTERM at once.
+@contextmanager
+def stop_signals(
+    notify: Callable[[str], None], stop: Callable[[], None]
+) -> Iterator[threading.Event]:
+    """Handle the signals of this process in the block, where it runs in the main thread.
 
-    Attributes:
-        end_requested: Set once the session shall end after this press.
+    Args:
+        notify: Function that takes a sentence for a person.
+        stop: Function that stops the robot, at the second Ctrl-C and at SIGTERM.
+
+    Yields:
+        An event that is set at the first Ctrl-C: the session shall end after this press.
     """
+    ended = threading.Event()
 
-    def __init__(self, notify: Callable[[str], None], stop: Callable[[], None]) -> None:
-        self.end_requested = threading.Event()
-        self._notify, self._stop = notify, stop
-
-    def interrupt(self, number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
-        """Handle a signal."""
-        if number == signal.SIGINT and not self.end_requested.is_set():
-            self.end_requested.set()
-            self._notify("ending after this press; Ctrl-C again stops the robot now")
+    def handle(number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGINT and not ended.is_set():
+            ended.set()
+            notify("ending after this press; Ctrl-C again stops the robot now")
             return
-        self.end_requested.set()
-        self._notify("stopping the robot")
-        self._stop()
+        ended.set()
+        notify("stopping the robot")
+        stop()
 
-    @contextmanager
-    def installed(self) -> Iterator[None]:
-        """Handle the signals of this process in the block, where it runs in the main thread."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        before = {n: signal.signal(n, self.interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+    if threading.current_thread() is not threading.main_thread():
+        yield ended
+        return
+    before = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield ended
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def collect(
@@ -392,21 +387,17 @@ def collect(
     with ExitStack() as stack:
         camera = stack.enter_context(robot.camera(settings.camera))
         warm_up(camera, settings)
-        writer = stack.enter_context(
-            Writer(folder, _header(settings, plan, camera, folder), plan.rows())
-        )
+        writer = stack.enter_context(Writer(folder, _header(settings, plan, camera), plan.rows()))
         callbacks.advance(len(writer.done))
         if len(writer.done) == len(plan):
             return SessionReport()
         station = Station(settings.with_speed_scale(speed_scale), robot, camera)
-        signals = StopSignals(callbacks.notify, station.stop_now)
-        callbacks = replace(callbacks, should_end=signals.end_requested.is_set)
         session = Collector(station, plan, writer, callbacks)
         try:
-            with signals.installed(), station:
+            with stop_signals(callbacks.notify, station.stop_now) as ended, station:
                 if writer.done:
                     _check_same_sensor(station.look_at_rest(), folder)
-                session.run()
+                session.run(ended)
         except StopNowError:  # before the first press
             session.report.interrupted = True
             session.report.left = len(plan) - len(writer.done)
@@ -446,10 +437,10 @@ def dry_run(
     station = Station(settings)
     station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
     station.check_plan(CollectionPlan("dry run", tuple(presses), {}))
-    signals = StopSignals(lambda _: None, station.stop_now)
-    with suppress(StopNowError), signals.installed(), station:
+    signals = stop_signals(lambda _: None, station.stop_now)
+    with suppress(StopNowError), signals as ended, station:
         for press in presses:
-            if signals.end_requested.is_set():
+            if ended.is_set():
                 break
             scene = with_smallest_turn(press.scene)
             path = station.path(scene)
@@ -490,28 +481,18 @@ def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
     return dataset.header.status == "closed" and list(dataset.plan()) == plan.rows()
 
 
-def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path) -> Header:
-    """Return the header of a collection.
-
-    To go on with a data set, the camera must be the same, and so must the configuration except for
-    the keys that change neither labels nor frames.
-    """
+def _header(settings: Settings, plan: CollectionPlan, camera: Camera) -> Header:
+    """Return the header of a collection: to go on with a data set, it must be the same."""
     height, width = camera.now().image.shape
-    configuration = settings.record()
-    if is_dataset(folder):
-        begun = open_dataset(folder).header.sensor.get("configuration", {})
-        configuration = settings.record_for(begun)
     actual = camera.read_back
     assert actual is not None, "the camera is open"  # noqa: S101
-    text = json.dumps(configuration, sort_keys=True)
     return Header(
         name="tactip",
         sensor={
             "name": settings.sensor.name,
             **({"origin": "simulated"} if settings.simulated else {}),
             "plugin": f"tactibench_tactip {__version__}",
-            "configuration": configuration,
-            "sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "configuration": settings.binding(),
             "camera": {**asdict(actual), "fps": round(actual.fps, 1)},
         },
         image=(height, width),

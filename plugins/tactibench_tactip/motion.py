@@ -49,6 +49,7 @@ REACHED_MM, REACHED_DEG = 0.1, 0.2
 """Distance and angle within which a pose counts as reached."""
 OFF_LINE_MM = 2.0
 """Distance of the tool from its line above which a move is stopped."""
+CLOSE_S = 10.0
 STOP_S = 3.0
 """Longest wait until a stopped robot stands still."""
 SLACK_MM = 0.05
@@ -333,14 +334,17 @@ class RobotThread:
                 raise StopNowError
             connected.result()
         except BaseException:
-            self._jobs.put(None)
-            self.robot.close()
+            self._jobs.put(None)  # the thread then closes the robot, unless it hangs
+            if connected.done():
+                self._thread.join(CLOSE_S)
+            else:
+                self.robot.close()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
         self._jobs.put(None)
-        self._thread.join(10.0)
+        self._thread.join(CLOSE_S)
 
     def do(self, job: Callable[[Mover], T], deadline_s: float) -> T:
         """Return the result of a job that the robot's thread does.

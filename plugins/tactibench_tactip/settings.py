@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
@@ -33,34 +32,17 @@ Pose6 = tuple[float, float, float, float, float, float]
 PoseInFile = Annotated[Pose6, Field(strict=False)]
 
 
-MAY_CHANGE = MappingProxyType(
+BINDING = MappingProxyType(
     {
-        "robot": (
-            "approach_mm_s",
-            "retract_mm_s",
-            "acceleration_mm_s2",
-            "watchdog_hz",
-            "home",
-            "allow_unhomed",
-            "set_tcp",
-        ),
-        "sensor": ("pins", "pins_tolerance"),
-        "camera": ("fps", "warmup_frames", "stall_s"),
-        "envelope": (
-            "half_width_mm",
-            "above_mm",
-            "below_mm",
-            "clearance_mm",
-            "tilt_deg",
-            "yaw_deg",
-            "max_force_n",
-        ),
-        "contact": ("every_presses", "every_minutes", "travel_mm", "spread_mm"),
-        "timing": ("settle_s",),
+        "robot": ("driver", "press_mm_s"),
+        "frames": ("moves", "work_frame", "tcp_pose", "sensor"),
+        "camera": ("size", "fourcc", "crop", "exposure", "gain", "burst"),
+        "sensor": ("name", "dome_radius_mm", "deepest_mm"),
+        "contact": ("method", "at_mm", "fixed_mm", "force_n"),
     }
 )
-"""Table -> keys that may change within a data set, because labels and frames do not depend on them.
-They decide what is refused, how long actions take and how long the program waits."""
+"""Table -> keys that bind a data set, because its labels and frames depend on them. All others may
+change: they decide what is refused, how long actions take and how long the program waits."""
 
 
 SIMULATED = "simulated"
@@ -346,30 +328,18 @@ class Settings(_Table):
         return self.with_changes(robot={name: scale * getattr(self.robot, name) for name in names})
 
     def record(self) -> dict[str, Any]:
-        """Return the tables that a data set keeps.
-
-        Left out are the mounted indenter, which changes in a collection, the reactions to faults,
-        the addresses and ``connect_s``.
-        """
+        """Return the tables for a record, without addresses and the mounted indenter."""
         tables = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
         for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):
             del tables[table][name]
         return tables
 
-    def record_for(self, begun: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the record for a data set that was begun with another record.
-
-        The keys that may change have the values of that record, so that the two differ only in
-        keys that must not change.
-        """
-        tables = self.record()
-        for table, names in MAY_CHANGE.items():
-            before = begun.get(table, {})
-            for name in names:
-                tables[table].pop(name)
-                if name in before:
-                    tables[table][name] = before[name]
-        return tables
+    def binding(self) -> dict[str, Any]:
+        """Return the keys that may not change within a data set, table by table."""
+        record = self.record()
+        return {
+            table: {name: record[table][name] for name in names} for table, names in BINDING.items()
+        }
 
 
 def read_settings(path: Path) -> Settings:

@@ -72,14 +72,15 @@ STARTED_S = 10.0
 END_S = 3.0
 ORDER_S = 8.0
 """Longest wait for the answer of the process to an order."""
+TICK_S = 0.004
+"""Time for which facts are not asked for again: half a turn of the process."""
 STALE_S, MOST_STALE_S = 0.5, 1.0
-"""Least and greatest time for which facts hold, and for which new facts are then awaited. In
-between it is a period of the watchdog. The greatest is less than the time after which a move is
-given up for another reason."""
+"""Least and greatest time for which the controller may send no new state. In between it is a period
+of the watchdog. The greatest is less than the time after which a move is given up."""
 
 
 class UrLink:
-    """A connection that starts the process, and keeps the facts that it sends at 125 Hz.
+    """A connection that starts the process and gives it orders, one after the other.
 
     The arm has neither watchdog nor TCP until it is asked to ``prepare``.
 
@@ -103,14 +104,11 @@ class UrLink:
                 "ur_rtde", "ur", " (it has no wheel for Python 3.13: take Python 3.11 or 3.12)"
             )
         self._host = host
-        self._news = threading.Condition()
-        self._facts: dict[str, Any] = {}
-        self._answers: dict[int, dict[str, Any]] = {}
-        self._orders = 0
+        self._lock = threading.Lock()
+        self._facts: dict[str, Any] = {"time": -1.0}
         self._stale_s = min(MOST_STALE_S, max(STALE_S, 1.0 / watchdog_hz))
-        self._after = 0
-        self._changed_at, self._stamp = 0.0, -1.0
-        self._ended, self._last = False, ""
+        self._asked_at = self._changed_at = 0.0
+        self._last = ""
         self._link = self._start()
         first = {"host": host, "tcp": tcp, "watchdog_hz": watchdog_hz}
         try:
@@ -120,7 +118,7 @@ class UrLink:
                     f"the UR at {host} did not answer within {seconds:g} s; check that it is "
                     "switched on and that nothing else controls it."
                 )
-            reply = self._receive()
+            reply = json.loads(self._link.recv_bytes())
         except (EOFError, OSError):
             reply = {"failed": "the process that talks to it ended"}
         except BaseException:
@@ -133,10 +131,9 @@ class UrLink:
                 "uses its registers switch that off, and end other programs that control the arm."
             )
         self.tcp_before: list[float] = reply["tcp"]
-        threading.Thread(target=self._listen, name="tactip ur", daemon=True).start()
 
-    def ask(self, what: str, *given: Any) -> str:
-        """Have the process call a method of ``Arm``; return what went wrong, or "".
+    def ask(self, what: str, *given: Any) -> Any:
+        """Have the process call a method of ``Arm``, and return what that returns.
 
         Args:
             what: Name of the method.
@@ -145,54 +142,46 @@ class UrLink:
         Raises:
             RobotLostError: The process ended, or does not answer in time.
         """
-        with self._news:
-            self._orders += 1
-            number = self._orders
-        try:
-            message = {"do": what, "with": given, "number": number}
-            self._link.send_bytes(json.dumps(message).encode())
-        except OSError:
-            raise RobotLostError(self._lost()) from None
-        end = time.monotonic() + ORDER_S
-        with self._news:
-            while number not in self._answers:
-                left = end - time.monotonic()
-                if self._ended or left <= 0:
-                    raise RobotLostError(self._lost())
-                self._news.wait(left)
-            answer = self._answers.pop(number)
-            self._after = answer["facts"]
-        return str(answer["answer"])
+        with self._lock:
+            self._asked_at = 0.0
+            try:
+                self._link.send_bytes(json.dumps([what, given]).encode())
+                if self._link.poll(ORDER_S):
+                    return json.loads(self._link.recv_bytes())
+                self._link.close()  # a late answer must not be taken for that of another order
+            except (EOFError, OSError):
+                pass
+        raise self._lost()
 
     def facts(self) -> dict[str, Any]:
-        """Return the latest facts, which are newer than the last answer.
+        """Return the present facts, which are newer than the last order.
 
         Raises:
-            RobotLostError: No new facts come, or the connection to the controller is lost.
+            RobotLostError: The controller sends no new state, or the connection to it is lost.
         """
-        end = time.monotonic() + self._stale_s
-        with self._news:
-            while not self._fresh():
-                left = end - time.monotonic()
-                if self._ended or left <= 0:
-                    raise RobotLostError(self._lost())
-                self._news.wait(left)
-            if self._ended or not self._facts["linked"]:
-                raise RobotLostError(self._lost())
+        if time.monotonic() - self._asked_at < TICK_S:
             return self._facts
+        facts: dict[str, Any] = self.ask("facts")
+        self._asked_at = time.monotonic()
+        if facts["time"] != self._facts["time"]:
+            self._changed_at = self._asked_at
+        self._facts = facts
+        if not facts["linked"] or self._asked_at - self._changed_at > self._stale_s:
+            raise self._lost()
+        return facts
 
-    def _fresh(self) -> bool:
-        """Return whether the facts are newer than the last answer, and not too old."""
-        newer = bool(self._facts) and self._facts["number"] > self._after
-        return newer and time.monotonic() - self._changed_at <= self._stale_s
+    def _lost(self) -> RobotLostError:
+        return RobotLostError(
+            f"the controller at {self._host} sends nothing any more ({self._last_word()}); check "
+            "the network cable. Its watchdog stops the arm."
+        )
 
     def close(self) -> None:
         """End the process, which stops the arm.
 
         A process that hangs is killed; the controller's watchdog then stops the arm.
         """
-        if self._link is not None:
-            self._link.close()
+        self._link.close()
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
@@ -228,33 +217,6 @@ class UrLink:
             self._process.kill()
             raise RobotError("the process that talks to the UR did not start.")
         return accepted[0]
-
-    def _receive(self) -> dict[str, Any]:
-        message: dict[str, Any] = json.loads(self._link.recv_bytes())
-        return message
-
-    def _listen(self) -> None:
-        try:
-            while True:
-                message = self._receive()
-                with self._news:
-                    if "to" in message:
-                        self._answers[message["to"]] = message
-                    else:
-                        if message["time"] != self._stamp:
-                            self._stamp, self._changed_at = message["time"], time.monotonic()
-                        self._facts = message
-                    self._news.notify_all()
-        except (EOFError, OSError, ValueError, TypeError):
-            with self._news:
-                self._ended = True
-                self._news.notify_all()
-
-    def _lost(self) -> str:
-        return (
-            f"the controller at {self._host} sends nothing any more ({self._last_word()}); check "
-            "the network cable. Its watchdog stops the arm."
-        )
 
     def _last_word(self) -> str:
         """Return the last line that the process of the arm wrote to stderr."""

@@ -2,10 +2,9 @@
 
 ``ur_rtde`` keeps Python's lock while it waits, in its constructors without end and in a move for up
 to 300 s; in a process of its own it can block nothing but itself. This process carries out the
-orders that come over a local connection, kicks the watchdog, and sends the controller's state at
-every turn. When the connection ends, for whatever reason, it stops the arm and ends. It imports
-little, so that it starts at once. Poses are here as the controller has them, m and a rotation
-vector, rad.
+orders that come over a local connection, and kicks the watchdog at every turn. When the connection
+ends, for whatever reason, it stops the arm and ends. It imports little, so that it starts at once.
+Poses are here as the controller has them, m and a rotation vector, rad.
 
     python -m tactibench_tactip.ur_worker PORT < key
 """
@@ -121,17 +120,13 @@ def serve(link: Connection) -> None:
         _send(link, {"failed": " ".join(str(error).split())})
         return
     _send(link, {"ready": True, "tcp": arm.tcp_before})
-    number, due = 0, time.monotonic()
+    due = time.monotonic()
     try:
         while True:
             while link.poll(max(0.0, due - time.monotonic())):
-                order = json.loads(link.recv_bytes())
-                answer = getattr(arm, order["do"])(*order["with"])
-                number += 1
-                _send(link, {"answer": answer or "", "to": order["number"], "facts": number})
+                name, given = json.loads(link.recv_bytes())
+                _send(link, getattr(arm, name)(*given))
             arm.kick()
-            number += 1
-            _send(link, {"number": number, **arm.facts()})
             due = max(due + 1.0 / HZ, time.monotonic())
     except (EOFError, OSError):  # the other side is gone
         pass
@@ -140,7 +135,7 @@ def serve(link: Connection) -> None:
         arm.close()
 
 
-def _send(link: Connection, value: dict[str, Any]) -> None:
+def _send(link: Connection, value: Any) -> None:
     link.send_bytes(json.dumps(value).encode())
 
 

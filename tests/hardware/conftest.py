@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 
 import pytest
 from fake_station import FakeCapture, FakeRobot, make_settings
@@ -48,3 +49,12 @@ def press_of() -> Callable[..., Scene]:
         return Scene(Indenter.single(), Pose(x, y, depth=depth))
 
     return scene
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """A process that was started in the background has SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, before)

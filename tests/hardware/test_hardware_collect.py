@@ -173,7 +173,7 @@ def test_what_the_troubleshooting_changes_may_change(lab: Lab) -> None:
     dataset = open_dataset(lab.folder)
     assert dataset.header.sensor == header.sensor
     sessions = [event for event in dataset.events if event["kind"] == "session"]
-    assert [event["settle_s"] for event in sessions] == [0.0, 0.01]
+    assert [event["configuration"]["timing"]["settle_s"] for event in sessions] == [0.0, 0.01]
 
 
 def test_a_sensor_that_looks_otherwise_is_refused(lab: Lab) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 from fake_station import FakeRobot
@@ -21,11 +20,10 @@ from tactibench_tactip import (
     Settings,
     Station,
     StopNowError,
-    StopSignals,
-    distance_from_line,
     geometry_of,
     matrix,
     pose_of,
+    stop_signals,
 )
 
 
@@ -128,13 +126,6 @@ def test_a_robot_that_was_held_is_noticed(mover: Mover, robot: FakeRobot) -> Non
     assert len(calls) == 2
 
 
-def test_distance_beside_a_line() -> None:
-    start, end = (0.0,) * 6, (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert distance_from_line(start, end, (4.0, 3.0, 0.0, 0, 0, 0)) == pytest.approx(3.0)  # type: ignore[arg-type]
-    assert distance_from_line(start, end, (13.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
-    assert distance_from_line(start, start, (3.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
-
-
 def test_the_tool_is_drawn_back_along_the_press(
     mover: Mover, robot: FakeRobot, settings: Settings, press_of: Callable[..., Scene]
 ) -> None:
@@ -213,27 +204,17 @@ class TestStation:
         assert robot.closed
 
 
-class TestStops:
-    def test_the_first_interrupt_asks_the_second_stops(self) -> None:
-        told: list[str] = []
-        stopped: list[int] = []
-        stops = StopSignals(told.append, lambda: stopped.append(1))
-        stops.interrupt()
-        assert (stops.end_requested.is_set(), stopped) == (True, [])
-        stops.interrupt()
+@pytest.mark.usefixtures("interruptible")
+def test_the_first_interrupt_asks_and_the_second_or_sigterm_stops() -> None:
+    told: list[str] = []
+    stopped: list[int] = []
+    with stop_signals(told.append, lambda: stopped.append(1)) as ended:
+        signal.raise_signal(signal.SIGINT)
+        assert (ended.is_set(), stopped) == (True, [])
+        signal.raise_signal(signal.SIGINT)
         assert stopped == [1]
-        assert "Ctrl-C again" in told[0]
-
-    def test_sigterm_stops_at_once(self) -> None:
-        stopped: list[int] = []
-        stops = StopSignals(lambda _: None, lambda: stopped.append(1))
-        stops.interrupt(signal.SIGTERM)
-        assert stopped == [1]
-
-    def test_handlers_are_put_back(self) -> None:
-        before: Any = signal.getsignal(signal.SIGINT)
-        stops = StopSignals(lambda _: None, lambda: None)
-        with stops.installed():
-            signal.raise_signal(signal.SIGINT)
-        assert stops.end_requested.is_set()
-        assert signal.getsignal(signal.SIGINT) is before
+    assert "Ctrl-C again" in told[0]
+    with stop_signals(told.append, lambda: stopped.append(2)) as ended:
+        signal.raise_signal(signal.SIGTERM)
+        assert ended.is_set()
+    assert stopped == [1, 2]

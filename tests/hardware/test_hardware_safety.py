@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -239,14 +239,6 @@ def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
         assert not station.robot_thread.halt.is_set()
 
 
-@pytest.fixture
-def interruptible() -> Iterator[None]:
-    """A process that was started in the background has SIGINT ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_stops_a_descent(
     settings: Settings, slow: SlowRobot, camera: Camera, press_of: Callable[..., Scene]
@@ -369,4 +361,5 @@ def test_the_speed_of_a_session_is_not_the_data_sets(
     recorded = dataset.header.sensor["configuration"]["robot"]
     assert recorded["press_mm_s"] == keys.press_mm_s
     sessions = [event for event in dataset.events if event["kind"] == "session"]
-    assert [event["press_mm_s"] for event in sessions] == [0.1 * keys.press_mm_s, keys.press_mm_s]
+    speeds = [event["configuration"]["robot"]["press_mm_s"] for event in sessions]
+    assert speeds == [0.1 * keys.press_mm_s, keys.press_mm_s]
