@@ -272,7 +272,7 @@ def print_run(
             print_table(console, shown)
     if any(map(lacks_interval, (*main, *further))):
         console.print(Text(NO_INTERVAL_NOTE, style="dim"))
-    _print_speed(console, record, spec, published)
+    _print_speed(console, record, published)
     console.print()
     _print_warning(console, record)
     console.print(Text(record.signature), soft_wrap=True)  # one line, to be copied whole
@@ -534,15 +534,17 @@ def _decimals(run_table: RunTable, name: str, shown: Sequence[Metric]) -> int:
     return decimals - (top >= (10.0 if name.endswith("_deg") else 1.0))
 
 
-def _print_speed(
-    console: Console, record: Record, spec: BoardSpec, published: Sequence[PublishedTable]
-) -> None:
-    """Print the error with the share that qualifies it beside the speed, then every timed phase."""
+def _print_speed(console: Console, record: Record, published: Sequence[PublishedTable]) -> None:
+    """Print the time of one frame, every timed phase, and the cost of the model."""
     facts = record.environment
+    times = [
+        f"{number(row.p90_ms, 2)} ms on {plural(row.threads, 'thread')}"
+        for row in record.speed
+        if row.scenario == "single" and row.phase == "total"
+    ]
     console.print()
-    console.print(Text("Speed beside error", style="bold"))
-    for line in _headline(record, spec):
-        console.print(Text(line))
+    console.print(Text("Speed", style="bold"))
+    console.print(Text(f"one frame to contacts, p90: {', '.join(times) or 'not timed'}"))
     machine = f"{facts.cpu}, {plural(facts.threads, 'thread')}, fingerprint {facts.fingerprint}"
     console.print(Text(machine, style="dim"))
     if record.speed:
@@ -570,25 +572,6 @@ def _print_speed(
                 console.print(Text(text, style="magenta"))
 
 
-def _headline(record: Record, spec: BoardSpec) -> Iterator[str]:
-    """Yield the error, the share that qualifies it, and the latency of one frame."""
-    if spec.headline is not None:
-        metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
-        shown = (
-            (spec.headline.metric, spec.headline.group, spec.headline.decimals, "mm"),
-            (spec.headline.qualifier, "all", 1, "%"),
-        )
-        for name, group, decimals, unit in shown:
-            value = metric_number(metrics.get((name, group)), decimals)
-            yield f"{NAMES[name]} {'n/a' if value is None else f'{value} {unit}'}"
-    times = [
-        f"{number(row.p90_ms, 2)} ms on {plural(row.threads, 'thread')}"
-        for row in record.speed
-        if row.scenario == "single" and row.phase == "total"
-    ]
-    yield f"one frame to contacts, p90: {', '.join(times) or 'not timed'}"
-
-
 def _phases(speed: Sequence[SpeedRow]) -> Table:
     """Return the times of every phase for single frames, and of the whole call for batches."""
     rows: list[list[Cell]] = []
@@ -608,15 +591,14 @@ def _phases(speed: Sequence[SpeedRow]) -> Table:
 
 def _cost(record: Record) -> str:
     cost = record.efficiency
-    flops, memory = cost.flops_per_frame, cost.peak_memory_mb
-    parts = [
-        "weights n/a" if cost.parameters is None else f"{cost.parameters:,} weights",
-        "operations n/a" if flops is None else f"{1e-9 * flops:.3g} GFLOP a frame",
-        "peak memory n/a" if memory is None else f"peak memory of the process {memory:,.0f} MB",
-    ]
-    if cost.training_s is not None:
-        parts.append(f"training {cost.training_s:,.0f} s")
-    return f"cost: {', '.join(parts)}"
+    facts = {
+        "weights {:,}": cost.parameters,
+        "{:.3g} GFLOP a frame": cost.flops_per_frame and 1e-9 * cost.flops_per_frame,
+        "peak memory of the process {:,.0f} MB": cost.peak_memory_mb,
+        "training {:,.0f} s": cost.training_s,
+    }
+    known = [text.format(value) for text, value in facts.items() if value is not None]
+    return f"cost: {', '.join(known) or 'not measured'}"
 
 
 def error_line(record: Record) -> str:

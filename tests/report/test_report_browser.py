@@ -10,7 +10,6 @@ if chromium() is None:
     pytest.skip("no Chromium here; TACTIBENCH_CHROMIUM names one", allow_module_level=True)
 
 READY = "html[data-ready]"
-PHONE = {"width": 390, "height": 800}
 PATIENCE_MS = 120_000
 CLIPPED = "[...document.querySelectorAll('.scroll')].filter(d => d.scrollWidth > d.clientWidth + 1)"
 
@@ -132,21 +131,6 @@ def test_rows_can_be_filtered(tab):
     assert rows.count() == 3
 
 
-def test_the_theme_follows_the_system_and_the_button(browser, files):
-    tab = Tab(browser, files / "plain.html", color_scheme="dark")
-    colour = "getComputedStyle(document.body).backgroundColor"
-    dark = tab.page.evaluate(colour)
-    button = tab.page.locator("#theme")
-    seen = {}
-    for _ in range(3):
-        button.click()
-        seen[button.inner_text()] = tab.page.evaluate(colour)
-    assert seen["Theme: system"] == seen["Theme: dark"] == dark
-    assert seen["Theme: light"] == "rgb(255, 255, 255)" != dark
-    assert tab.said == []
-    tab.context.close()
-
-
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_column_is_clipped_and_the_page_does_not_scroll_sideways(browser, files, width, scheme):
@@ -155,22 +139,6 @@ def test_no_column_is_clipped_and_the_page_does_not_scroll_sideways(browser, fil
     tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     tab.page.wait_for_function(f"{CLIPPED}.length === 0")  # folds tell that they opened a bit later
     assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
-    tab.context.close()
-
-
-def test_rows_are_cards_on_a_phone_and_every_cell_has_its_head(browser, files):
-    tab = Tab(browser, files / "plain.html", viewport=PHONE, is_mobile=True, has_touch=True)
-    box = tab.page.locator("#exp1-0 .scroll.cards").first
-    cells = box.locator("tbody tr").first.locator("td")
-    heads = [cell.get_attribute("data-head") for cell in cells.all()]
-    assert "model" in heads
-    assert any(head.startswith("GOSPA") for head in heads)
-    number = next(k for k, head in enumerate(heads) if head.startswith("GOSPA"))
-    before = tab.column(box, number)
-    box.locator(".sortby select").select_option(str(number))
-    assert tab.column(box, number) == sorted(before, key=float)
-    box.locator(".sortby select").select_option("")
-    assert tab.column(box, number) == before
     tab.context.close()
 
 
@@ -192,17 +160,6 @@ def test_a_link_to_a_row_opens_what_hides_it(browser, site):
     index.page.evaluate(f"location.hash = '{anchor}'")
     row.wait_for(state="visible")
     index.context.close()
-
-
-def test_pages_of_a_site_lead_to_each_other(browser, site):
-    tab = Tab(browser, site / "exp1.html")
-    tab.page.locator("nav a", has_text="exp2").click()
-    tab.page.wait_for_selector(READY, state="attached")
-    assert tab.page.url.endswith("exp2.html")
-    tab.page.locator("nav a", has_text="All boards").click()
-    assert tab.page.url.endswith("index.html")
-    assert tab.said == []
-    tab.context.close()
 
 
 def test_hostile_names_do_nothing(browser, files):

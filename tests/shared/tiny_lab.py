@@ -60,6 +60,7 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
 
     put: ``setattr``, or that of a patch, which takes everything back.
     """
+    from tactibench import plugins
     from tactibench.datasets import generation
     from tactibench.frames import cache as generated
     from tactibench.plugins import host
@@ -70,6 +71,7 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
     time_briefly(put)
     put(loader, "shipped_folder", lambda name: protocols if name == "protocols" else shipped(name))
     put(host, "PluginHost", tiny_host)
+    put(plugins, "PluginHost", tiny_host)  # a facade keeps what it has found
     put(generation, "PluginHost", tiny_host)
 
 
