@@ -34,10 +34,9 @@ determinism
 deterministic
 every_answer
 finds_contacts
-float_frame
 frame_size
 input_unchanged
-global_state
+known_truth
 nan_frame
 psychometric  # a key of protocol files, with one value
 pure
@@ -45,9 +44,6 @@ rest_frame
 round_trip
 save_load
 scores
-timestamps
-too_many
-truth_hidden
 commits
 cores_physical
 filters

@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 
 from tactibench.contacts import Contacts, Grid
-from tactibench.errors import UserError, describe_exception
+from tactibench.errors import UserError
 from tactibench.plugins import Encoder
 from tactibench.testing.runner import (
     Failed,
-    NotApplicable,
     must_refuse,
     must_work,
     require,
@@ -120,34 +119,6 @@ def permutation(subject: EncoderSubject) -> None:
     require(worst <= encoder.tolerance, f"{_label(far[0])} came back off by {worst:.3g} mm")
 
 
-def shift(subject: EncoderSubject) -> None:
-    """Moving the maps by whole cells moves the contact by whole pitches and keeps its depth."""
-    rng = np.random.default_rng(6)
-    encoder, grid = subject.encoder, subject.grid
-    for _ in range(15):
-        truth = Contacts.truth(rng.uniform(-5, 5, (1, 2)), rng.uniform(SHALLOW, DEEP, 1))
-        right, down = rng.integers(-6, 7, 2).tolist()
-        maps = encoder.encode(truth, grid)
-        at_first = encoder.decode(maps, grid)
-        rolled = encoder.decode(np.roll(maps, (down, right), axis=(1, 2)), grid)
-        require(len(at_first) == len(rolled), f"{_label(truth)} moved is {len(rolled)} contacts")
-        moved = np.abs(rolled.xy - at_first.xy - grid.pitch * np.array([right, down])).max()
-        require(moved <= 1e-6, f"{_label(truth)} moved by {right}, {down} is off by {moved:.3g}")
-        deeper = np.abs(rolled.depth - at_first.depth).max()
-        require(deeper <= 1e-6, f"the depth of {_label(truth)} changed by {deeper:.3g} mm")
-
-
-def refine(subject: EncoderSubject) -> None:
-    """On clean maps positions are read fifty times more finely than cells alone would allow."""
-    rng = np.random.default_rng(3)
-    lists = [_random_contact(rng) for _ in range(200)]
-    decoded = subject.decode(subject.encode(lists))
-    require(all(map(len, decoded)), "a contact was not read")
-    away = [f.xy[0] - t.xy[0] for f, t in zip(decoded, lists, strict=True)]
-    rms, cells = float(np.sqrt(np.mean(np.square(away)))), subject.grid.pitch / np.sqrt(12)
-    require(rms < 0.02 * cells, f"rms error {rms:.3g} mm; that of cells is {cells:.3g} mm")
-
-
 def noise(subject: EncoderSubject) -> None:
     """White noise of 0.02 moves the best contact little, and its depth by no more than 0.36 mm."""
     subject.skip_unless_heat()
@@ -207,20 +178,6 @@ def pure(subject: EncoderSubject) -> None:
         _alike(single, other, 1e-9, "alone and in a batch")
 
 
-def dtype(subject: EncoderSubject) -> None:
-    """Maps of float16 and float64, strided or in Fortran order, are read as those of float32."""
-    encoder, grid = subject.encoder, subject.grid
-    maps = encoder.encode(Contacts.truth([[1.11, -2.22]], [4.0]), grid)
-    expected = encoder.decode(maps, grid)
-    for kind, slack in ((np.float64, 1e-6), (np.float16, 0.02)):
-        wide = np.empty((*maps.shape[:2], 2 * maps.shape[2]), kind)
-        wide[:, :, ::2] = maps
-        for given in (maps.astype(kind), wide[:, :, ::2], np.asfortranarray(maps.astype(kind))):
-            with must_work(f"reading {np.dtype(kind)} maps"):
-                decoded = encoder.decode(np.asanyarray(given), grid)
-            _alike(decoded, expected, slack, f"as {np.dtype(kind)}")
-
-
 def scores(subject: EncoderSubject) -> None:
     """Scores lie in 0..1 and fall with the heat; noise is read as a bounded number of contacts."""
     encoder, grid = subject.encoder, subject.grid
@@ -242,35 +199,6 @@ def scores(subject: EncoderSubject) -> None:
         require(inside, "a contact was read more than 2.5 mm outside the grid")
 
 
-def finite(subject: EncoderSubject) -> None:
-    """Maps that hold NaN or infinity are refused, alone and in a batch."""
-    for bad in (np.nan, np.inf, -np.inf):
-        maps = np.zeros((subject.encoder.channels, *subject.grid.shape), np.float32)
-        maps[-1, 5, 6] = bad
-        with must_refuse(f"a map that holds {bad}"):
-            subject.encoder.decode(maps, subject.grid)
-        with must_refuse(f"a batch that holds {bad}"):
-            subject.decode(maps[None])
-
-
-def shape(subject: EncoderSubject) -> None:
-    """Maps of another shape than the grid's are refused."""
-    channels, (rows, columns) = subject.encoder.channels, subject.grid.shape
-    for wrong in (
-        (rows, columns),
-        (channels + 1, rows, columns),
-        (channels, rows // 2, columns),
-        (1, channels, rows, columns),
-    ):
-        try:
-            decoded = subject.encoder.decode(np.zeros(wrong, np.float32), subject.grid)
-        except (ValueError, UserError):
-            continue
-        except Exception as error:
-            raise Failed(f"maps of shape {wrong} raised {describe_exception(error)}") from error
-        raise Failed(f"maps of shape {wrong} were read as {len(decoded)} contacts")
-
-
 def depth_range(subject: EncoderSubject) -> None:
     """A contact deeper than can be shown, or above the skin, is refused or comes back as it is."""
     encoder = subject.encoder
@@ -284,12 +212,30 @@ def depth_range(subject: EncoderSubject) -> None:
         require(worst <= encoder.tolerance, f"{_label(truth)} came back off by {worst:.3g} mm")
 
 
-def too_many(subject: EncoderSubject) -> None:
-    """An encoder of one contact refuses two in a frame."""
-    if subject.spec.max_contacts != 1:
-        raise NotApplicable("it shows several contacts")
-    with must_refuse("a frame with two contacts"):
-        subject.encoder.encode(Contacts.truth([[-4, 0], [4, 0]], [2, 2]), subject.grid)
+def refusals(subject: EncoderSubject) -> None:
+    """Maps with NaN, infinity or another shape are refused, and two contacts where one is shown."""
+    encoder, (rows, columns) = subject.encoder, subject.grid.shape
+    for bad in (np.nan, np.inf, -np.inf):
+        maps = np.zeros((encoder.channels, rows, columns), np.float32)
+        maps[-1, 5, 6] = bad
+        with must_refuse(f"a map that holds {bad}"):
+            encoder.decode(maps, subject.grid)
+        with must_refuse(f"a batch that holds {bad}"):
+            subject.decode(maps[None])
+    for wrong in (
+        (rows, columns),
+        (encoder.channels + 1, rows, columns),
+        (encoder.channels, rows // 2, columns),
+        (1, encoder.channels, rows, columns),
+    ):
+        try:
+            encoder.decode(np.zeros(wrong, np.float32), subject.grid)
+        except (ValueError, UserError):
+            continue
+        raise Failed(f"maps of shape {wrong} were read")
+    if subject.spec.max_contacts == 1:
+        with must_refuse("a frame with two contacts"):
+            encoder.encode(Contacts.truth([[-4, 0], [4, 0]], [2, 2]), subject.grid)
 
 
 def another_grid(subject: EncoderSubject) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -15,11 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, Frame, Pose
+from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError, describe_exception
 from tactibench.images import resized
 from tactibench.plugins import FitReport
-from tactibench.run import blinded
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
@@ -45,8 +42,6 @@ EXACT = 1e-6
 """Largest difference, in mm, deg and score, between answers of the same weights."""
 CLOSE = 1e-3
 """Largest difference where only the order of additions differs."""
-SAME_PICTURE = 0.05
-"""Largest difference where the same picture is given in another form."""
 SIZES = ((96, 96), (64, 80), (200, 160))
 """Rows and columns of frames of other sizes."""
 
@@ -197,30 +192,6 @@ def input_unchanged(subject: ModelSubject) -> None:
     require(not changed, f"predict changed {changed}")
 
 
-def global_state(subject: ModelSubject) -> None:
-    """Predicting leaves global random generators and torch's number of threads as they were."""
-    model = subject.trained()
-    before = _global_state()
-    subject.predict(model, subject.test_examples.frames)
-    after = _global_state()
-    changed = [name for name in before if after[name] != before[name]]
-    require(not changed, f"predict changed {' and '.join(changed)}")
-
-
-def truth_hidden(subject: ModelSubject) -> None:
-    """A frame's pose and time, from which the truth could be read, change no answer."""
-    model = subject.trained()
-    frames = [blinded(frame) for frame in subject.test_examples.frames]
-    gap = difference(subject.predict(model, frames), subject.answers)
-    require(gap <= CLOSE, f"without pose and time, answers differ by {gap:.3g}")
-    misleading = [
-        Frame(frame.signal, 1e6 - k, Pose(-6.0 + k, 5.0 - k, 30.0, 3.0, 0.5 + k / 3), frame.rest)
-        for k, frame in enumerate(frames)
-    ]
-    gap = difference(subject.predict(model, misleading), subject.answers)
-    require(gap <= CLOSE, f"with the pose and time of other presses, they differ by {gap:.3g}")
-
-
 def frame_size(subject: ModelSubject) -> None:
     """Frames of any other size, grey or colour, are answered, or refused with a sentence."""
     subject.skip_without_images()
@@ -230,19 +201,6 @@ def frame_size(subject: ModelSubject) -> None:
         _predict_or_refuse(subject, [other], f"a frame of {shape[0]} x {shape[1]} px")
     colour = _with_images(frame, _swap_colour)
     _predict_or_refuse(subject, [colour], f"a frame of shape {colour.image.shape}")
-
-
-def float_frame(subject: ModelSubject) -> None:
-    """Frames of floats 0..255 are answered as the same ones of bytes are, or refused."""
-    subject.skip_without_images()
-    floats = [
-        _with_images(frame, lambda image: image.astype(np.float32))
-        for frame in subject.test_examples.frames
-    ]
-    answers = _predict_or_refuse(subject, floats, "frames of float32 values 0..255")
-    if answers is not None:
-        gap = difference(answers, subject.answers)
-        require(gap <= SAME_PICTURE, f"answers differ by {gap:.3g} from those to the same bytes")
 
 
 def nan_frame(subject: ModelSubject) -> None:
@@ -337,19 +295,6 @@ def adapt(subject: ModelSubject) -> None:
         model.adapt([], [])
     gap = difference(subject.predict(model, asked), subject.answers)
     require(gap <= EXACT, f"without labelled frames, answers differ by {gap:.3g} from before")
-
-
-def _global_state() -> dict[str, object]:
-    """Return the state that a model shares with everything else in the process, by its name."""
-    state: dict[str, object] = {
-        "the generator of random": random.getstate(),
-        "the generator of numpy.random": repr(np.random.get_state()),  # noqa: NPY002
-    }
-    torch: Any = sys.modules.get("torch")  # if it is not imported, nothing has changed it
-    if torch is not None:
-        state["the generator of torch"] = torch.get_rng_state().numpy().tobytes()
-        state["torch's number of threads"] = torch.get_num_threads()
-    return state
 
 
 def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:

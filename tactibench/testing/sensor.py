@@ -154,13 +154,6 @@ def direction(subject: SensorSubject) -> None:
         require(along > 1.0 and along > 2 * abs(across), message)
 
 
-def timestamps(subject: SensorSubject) -> None:
-    """The time of every press is finite and later than that of the press before."""
-    times = [frame.timestamp for frame in subject.press(*subject.scenes)]
-    require(np.isfinite(times).all(), f"times {times} s")
-    require(all(a < b for a, b in pairwise(times)), f"times {times} s do not increase")
-
-
 def determinism(subject: SensorSubject) -> None:
     """Two sensors with the same seed see the same frames."""
     subject.skip_unless_repeatable()
@@ -246,46 +239,40 @@ def surface(subject: SensorSubject) -> None:
     require(distance <= 2.0, f"pressed at x 3, y -2 mm, it is deepest at x {x:.1f}, y {y:.1f} mm")
 
 
-def bound(subject: SensorSubject) -> None:
-    """A known bound is (K, 3) and positive for the K true contacts of a scene."""
-    subject.skip_unless_any_scene()
-    radius = subject.protocol.workspace.dome_radius_mm
-    for scene in (_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0))):
-        bound = subject.unopened.bound(scene)
-        if bound is None:
-            raise NotApplicable("it knows no bound")
-        deviations = np.asarray(bound)
-        expected = (len(true_contacts(scene, radius)), 3)
-        require(deviations.shape == expected, f"shape {deviations.shape}, expected {expected}")
-        require((deviations > 0).all(), f"{deviations.tolist()} mm; a bound is positive")
+def known_truth(subject: SensorSubject) -> None:
+    """What is known of a scene has a value a contact: bounds are positive, forces are not negative.
 
-
-def error_bounds(subject: SensorSubject) -> None:
-    """Known error bounds are (S,) mm and not negative; no term is needed by more than S scenes."""
+    Bounds of the simulator's own error are (S,) mm and not negative, one a scene.
+    """
     subject.skip_unless_any_scene()
+    sensor, radius = subject.unopened, subject.protocol.workspace.dome_radius_mm
     scenes = [_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)]
-    given, terms = subject.unopened.error_bounds(scenes), subject.unopened.terms(scenes)
-    if given is None and not terms:
-        raise NotApplicable("it knows no error bounds and no terms")
-    for name, count in terms.items():
+    known = [sensor.error_bounds(scenes)]
+    if known[0] is not None:
+        _require_values("error_bounds", known[0], (len(scenes),), infinite=True)
+    for scene in scenes:
+        contacts = len(true_contacts(scene, radius))
+        bound, forces = sensor.bound(scene) if contacts else None, sensor.forces(scene)
+        known += [bound, forces]
+        if bound is not None:
+            _require_values("bound", bound, (contacts, 3), infinite=True)
+            require((np.asarray(bound) > 0).all(), "a bound is positive")
+        if forces is not None:
+            _require_values("forces", forces, (contacts,))
+    for name, count in sensor.terms(scenes).items():
         require(0 < count <= len(scenes), f"{count} of {len(scenes)} scenes need term {name!r}")
-    if given is not None:
-        bounds = np.asarray(given)
-        require(bounds.shape == (len(scenes),), f"shape {bounds.shape} for {len(scenes)} scenes")
-        require((bounds >= 0).all(), f"{bounds.tolist()} mm; a bound is 0 or more, or inf")
+    if all(value is None for value in known):
+        raise NotApplicable("it knows no bounds and no forces")
 
 
-def forces(subject: SensorSubject) -> None:
-    """Known forces are (K,), finite and not negative, for the K true contacts of a scene."""
-    subject.skip_unless_any_scene()
-    radius = subject.protocol.workspace.dome_radius_mm
-    for scene in (_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)):
-        forces = subject.unopened.forces(scene)
-        if forces is None:
-            raise NotApplicable("it knows no forces")
-        values, expected = np.asarray(forces), len(true_contacts(scene, radius))
-        require(values.shape == (expected,), f"shape {values.shape}, expected ({expected},)")
-        require((np.isfinite(values) & (values >= 0)).all(), f"forces {values.tolist()}")
+def _require_values(
+    name: str, values: Array, shape: tuple[int, ...], *, infinite: bool = False
+) -> None:
+    """Raise Failed for another shape, negative values, NaN, and inf unless it is a value."""
+    array = np.asarray(values)
+    require(array.shape == shape, f"{name} has shape {array.shape}, expected {shape}")
+    allowed = (array >= 0) & (infinite | np.isfinite(array))
+    require(allowed.all(), f"{name} holds {array.tolist()}")
 
 
 def _tip(x: float, y: float, depth: float) -> Scene:

@@ -18,7 +18,6 @@ from tactibench import Contacts, UserError
 from tactibench.plugins import PluginHost
 from tactibench.testing import EncoderSubject, examine, properties, subject_of
 
-CELLS = "reads no finer than a cell"
 ASKED = {one.name: one for one in properties("encoder")}
 
 
@@ -38,9 +37,9 @@ CASES = {
     "hertz least-squares": Case("hertz", 0.08, {"decoder": "least-squares"}),
     "hertz free width": Case("hertz", 0.08, {"decoder": "least-squares", "width": "free"}),
     "hertz wide": Case("hertz", 0.06),
-    "hertz maximum": Case("hertz", 1.5, {"decoder": "maximum"}, {"refine": CELLS}),
+    "hertz maximum": Case("hertz", 1.5, {"decoder": "maximum"}),
     "depth least-squares": Case("depth", 0.03),
-    "depth maximum": Case("depth", 0.4, {"decoder": "maximum"}, {"refine": CELLS}),
+    "depth maximum": Case("depth", 0.4, {"decoder": "maximum"}),
     "offset": Case("offset", 0.045),
     "mixture": Case("mixture"),
 }
