@@ -55,3 +55,6 @@ signatures
 contacts_depth_mm
 contacts_xy_mm
 n_contacts
+# Keys of the description in a weights file
+license
+made_with

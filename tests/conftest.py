@@ -113,7 +113,7 @@ def fabricated(
             "settings": [*(settings or {})],
         },
         "regime": regime,
-        "encoder": None if encoder is None else {"name": encoder, "parameters": {}},
+        "encoder": None if encoder is None else {"name": encoder, "parameters": {}, "settings": []},
         "sensor": {
             "name": "tactip-127",
             "origin": origin,

@@ -150,7 +150,7 @@ class Component(_Strict):
 
     name: str
     parameters: dict[str, Value]
-    settings: list[str] = []
+    settings: list[str]
 
     @property
     def changed(self) -> dict[str, Value]:
@@ -197,6 +197,7 @@ class TestSensor(Component):
 
     __test__ = False  # not a test case, whatever its name
 
+    settings: list[str] = []  # the options say what was set
     options: list[str] = Field(alias="asked")
     description: str = Field(alias="on")
     presses: NonNegativeInt
@@ -315,7 +316,7 @@ class Identity(_Open):
         weights_hash: sha256 of the trained weights.
         predictions_hash: sha256 of the stored answers.
         stored: sha256 of every array file, by name.
-        checksum: Digest of the record without this key; None where an older record has none.
+        checksum: Digest of the record without this key; None before the record is written.
     """
 
     protocol: str | None = None
@@ -493,8 +494,7 @@ class FrameCounts(_Open):
         test: Number of test presses.
         rejected: Number of candidates that geometry rejected when presses were drawn.
         published_frames: Whether the test frames are those of a published data set.
-        simulator: Error of the simulator by test set, for simulated frames; older records do not
-            have it.
+        simulator: Error of the simulator by test set, for simulated frames.
         of_tested_sensor: What a model saw of the tested sensor; None where it saw nothing.
         failures: Frames on which the model failed.
     """

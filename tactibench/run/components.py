@@ -166,7 +166,7 @@ def resolve_test_sensor(
     tested: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
     # Another version has defaults of its own: only the parameters that were set are taken over.
     versions = VERSION in options.parameters
-    over = set(sensor.component.settings or ()) if versions else set(sensor.values)
+    over = set(sensor.component.settings) if versions else set(sensor.values)
     over &= set(tested.values) - set(options.parameters)
     taken_over = {name: sensor.values[name] for name in over}
     tested = BoundSpec(tested.spec, {**tested.values, **taken_over}, tested.origin)

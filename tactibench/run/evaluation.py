@@ -1,27 +1,64 @@
 """The test of a trained model: predictions, times, examples and entries of the record.
 
-Protocols with another kind of test have a class of their own beside this one: tests after a few
-labelled frames of another sensor (``few_shot``), and on frames on which a model may fail
-(``hard_cases``).
+Most protocols answer every frame once. Two kinds of test have a class of their own.
+
+Tests after a few labelled frames of the tested sensor: a protocol that changes the sensor names
+several numbers of labelled frames. Every test frame is answered once for each number, and these
+answers are a group that is named by the number. A model that cannot adapt is shown no labelled
+frame and has the group "0". With other protocols ``--test shots=N`` requests one number. Their
+groups stay the same.
+
+Tests on hard cases: a frame on which a model fails is counted, and the run continues. With every
+other protocol the run stops at such a frame with an error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from tactibench.contacts import Answer, Frame
-from tactibench.frames import Presses, true_answers
-from tactibench.plugins import Model
+from tactibench.channels import holds_channels
+from tactibench.contacts import Answer, Contacts, Frame, PlatePose
+from tactibench.errors import NotFiniteError, UserError
+from tactibench.frames import Presses, spread, true_answers
+from tactibench.plugins import Model, ModelContext
 from tactibench.records import Arrays, pack
-from tactibench.run.examples import example_arrays
+from tactibench.run.components import cannot_adapt
 from tactibench.run.plan import RunPlan
-from tactibench.run.predict import AnswerRules, Predictions, predict_frames
+from tactibench.run.predict import (
+    AnswerRules,
+    Answers,
+    BadAnswerError,
+    HeatMaps,
+    Predictions,
+    blinded,
+    predict_frames,
+)
 from tactibench.run.reporter import Reporter, open_frames
 from tactibench.run.timing import Speed, time_model
+
+EXAMPLES = 24
+"""Test frames that stay with a run: enough for its pictures."""
+CHANNELS = 6
+"""Channels of a layer that are stored: those that vary most over the frame."""
+FEATURE = "feature."
+"""Begins the names of arrays of features."""
+Row = TypeVar("Row")
+DEEPEST = 1.5
+"""Depths up to this multiple of the deepest press are accepted: a tip may end a little deeper than
+asked. Labels in another unit than mm are at least ten times off."""
+SHALLOWEST = 0.02
+"""Labels whose deepest is below this share of the deepest press are not in mm."""
+FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
+"""Arrays of ``failure_arrays``: kind of type, and shape of a row."""
+LONGEST_CAUSE = 200
+"""Characters of a cause that are stored: a message may hold a whole array."""
+MOST_CAUSES = 20
+"""Causes that a record names; it counts the frames of all causes."""
 
 
 @dataclass(frozen=True)
@@ -132,3 +169,371 @@ def truth_arrays(
         groups: Group of every frame.
     """
     return {**pack(answers, kind), "press": np.array(clusters), "group": np.array(groups)}
+
+
+def example_arrays(
+    frames: Sequence[Frame],
+    truth: Sequence[Answer],
+    model: Model | None,
+    rows: Sequence[int] | None = None,
+) -> Arrays:
+    """Return frames of a test, and the features of the model's layers for one of them.
+
+    Args:
+        frames: Frames of the whole test.
+        truth: True answer to every frame.
+        model: Model whose features are stored, if it shows them; None for no features.
+        rows: Rows of the frames that are stored; None: rows spread over all frames.
+
+    Returns:
+        index (E,) and images or channels (E, ...). With features also features_row (), the first
+        frame with the most contacts, and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W)
+        float16.
+
+    Raises:
+        UserError: The features of a layer are no finite (C, H, W) array.
+    """
+    rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
+    name = "channels" if holds_channels(frames) else "images"
+    arrays: Arrays = {
+        "index": np.array(rows, dtype=np.int64),
+        name: np.stack([frames[row].signal for row in rows]),
+    }
+    if model is not None:
+        row = max(rows, key=lambda row: (_contacts(truth[row]), -row))
+        if features := model.features(blinded(frames[row])):
+            arrays["features_row"] = np.array(row, dtype=np.int64)
+            arrays |= pack_features(features)
+    return arrays
+
+
+def pack_features(features: Mapping[str, npt.NDArray[Any]]) -> Arrays:
+    """Return the channels of every layer that vary most, in the layers' order.
+
+    Args:
+        features: Name of a layer -> (C, H, W) values.
+
+    Returns:
+        ``feature.<number>.<channels>.<layer>`` -> (<= 6, H, W) float16.
+
+    Raises:
+        UserError: The features of a layer are no finite (C, H, W) array.
+    """
+    arrays = {}
+    for k, (name, values) in enumerate(features.items()):
+        if values.ndim != 3 or not np.isfinite(values).all():
+            raise UserError(
+                f"the model shows features {name!r} of shape {values.shape}; they must be finite "
+                "and of shape (channels, rows, columns): fix the model."
+            )
+        varied = np.argsort(-values.std(axis=(1, 2)), kind="stable")[:CHANNELS]
+        arrays[f"{FEATURE}{k:03d}.{len(values)}.{name}"] = values[varied].astype(np.float16)
+    return arrays
+
+
+def unpack_features(arrays: Arrays) -> list[tuple[str, int, npt.NDArray[Any]]]:
+    """Return name, number of channels and stored channels (<= 6, H, W) of every layer.
+
+    This undoes ``pack_features``.
+    """
+    features = []
+    for key in sorted(name for name in arrays if name.startswith(FEATURE)):
+        _, _, channels, name = key.split(".", 3)
+        features.append((name, int(channels), arrays[key].astype(np.float64)))
+    return features
+
+
+def _contacts(answer: Answer) -> int:
+    return len(answer) if isinstance(answer, Contacts) else 1
+
+
+class AdaptedEvaluation(Evaluation):
+    """The test of a model that has adapted to labelled presses of the tested sensor.
+
+    Attributes:
+        count: Number of labelled presses.
+        chosen: What the model chose when it adapted.
+
+    Raises:
+        UserError: The labels do not fit the frames, or the model cannot adapt.
+    """
+
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        super().__init__(plan, model, test, reporter)
+        few_shot = plan.frames.few_shot
+        assert few_shot is not None  # noqa: S101 - a plan with shots has them
+        presses = open_frames(few_shot, reporter)
+        labels = true_answers(plan.spec, [presses])
+        check_labelled(presses.frames, labels, test.frames[0], plan.context())
+        self.count = len(presses)
+        with reporter.task("adapt", self.count) as advance:
+            chosen = model.adapt(list(presses.frames), labels)
+            advance(self.count)
+        # Whether a model adapts may depend on its parameters or its training.
+        if chosen is None:
+            raise cannot_adapt(plan.components.model.label)
+        self.chosen = chosen
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return the frames of the tested sensor that the model was shown, and its choices."""
+        return {
+            "of_tested_sensor": {
+                "rest_image": True,
+                "unlabelled_frames": 0,
+                "labelled_frames": [self.count],
+                "adapted": [{"shots": self.count, **self.chosen}],
+            }
+        }
+
+
+class FewShotEvaluation(Evaluation):
+    """The test of a model on another sensor, once for each number of its labelled frames.
+
+    Attributes:
+        counts: Numbers of labelled frames; (0,) for a model that cannot adapt.
+        frames: Labelled frames of the tested sensor.
+        labels: True answers to these frames.
+        adapts: Whether the model can adapt.
+
+    Raises:
+        UserError: The labels do not fit the frames.
+    """
+
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        super().__init__(plan, model, test, reporter)
+        self.counts: tuple[int, ...] = (0,)
+        self.frames: Sequence[Frame] = ()
+        self.labels: Sequence[Answer] = ()
+        transfer, few_shot = plan.spec.transfer, plan.frames.few_shot
+        self.adapts = model.adapt([], []) is not None
+        if self.adapts and transfer is not None and few_shot is not None:
+            presses = open_frames(few_shot, reporter)
+            self.counts = transfer.shots
+            self.frames, self.labels = presses.frames, true_answers(plan.spec, [presses])
+            check_labelled(self.frames, self.labels, test.frames[0], plan.context())
+
+    def predict(self) -> Predictions:
+        """Return the answers after each number of labelled frames, one number after the other.
+
+        The heatmaps are those without labelled frames. The model is left as it was trained.
+        """
+        frames = self.test.frames
+        answers: Answers = []
+        heat: HeatMaps | None = None
+        with self.reporter.task("predict", len(frames) * len(self.counts)) as advance:
+            for count in self.counts:
+                self._adapt(count)
+                predicted, maps = predict_frames(self.model, frames, self.rules, advance)
+                answers += predicted
+                heat = maps if count == 0 else heat
+        self._adapt(0)
+        return Predictions(pack(answers, self.kind), heat)
+
+    def truth(self) -> Arrays:
+        """Return the true answers once for each number of labelled frames."""
+        test, counts = self.test, self.counts
+        return truth_arrays(
+            self.kind,
+            repeat(test.truth, counts),
+            repeat(test.clusters, counts),
+            count_groups(len(test.frames), counts),
+        )
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return the frames of the tested sensor that the model was shown, and its choices."""
+        frames = self.plan.frames
+        adapted = []
+        if self.adapts:
+            adapted = [{"shots": count, **self._adapt(count)} for count in self.counts]
+            self._adapt(0)
+        return {
+            "of_tested_sensor": {
+                "rest_image": True,
+                "unlabelled_frames": 0,
+                "labelled_frames": list(self.counts),
+                "left_out_calibrated": frames.calibrated,
+                "described": (frames.test_identity or {}).get("describe", {}),
+                "adapted": adapted,
+            }
+        }
+
+    def _adapt(self, count: int) -> Mapping[str, Any]:
+        return self.model.adapt(list(self.frames[:count]), list(self.labels[:count])) or {}
+
+
+def repeat(rows: Sequence[Row], counts: Sequence[int]) -> list[Row]:
+    """Return the rows of all test frames, once for each number of labelled frames."""
+    return list(rows) * len(counts)
+
+
+def count_groups(frames: int, counts: Sequence[int]) -> list[str]:
+    """Return the group of every answer: the number of labelled frames before it."""
+    return [str(count) for count in counts for _ in range(frames)]
+
+
+def check_labelled(
+    frames: Sequence[Frame], truth: Sequence[Answer], tested: Frame, context: ModelContext
+) -> None:
+    """Refuse labelled presses that would teach a model something wrong.
+
+    Args:
+        frames: Frames of the tested sensor.
+        truth: Label of every frame.
+        tested: A frame of the test.
+        context: Kind of answer, grid and largest depth of the model.
+
+    Raises:
+        UserError: There is no press, a label is missing, a frame is of another sensor, or a label
+            is outside of the sensor or in another unit than millimetres and degrees.
+    """
+    if not len(frames) or len(frames) != len(truth):
+        raise UserError(
+            f"there are {len(frames)} labelled frames and {len(truth)} labels; a model adapts to "
+            "one press or more, each with its label."
+        )
+    for number, frame in enumerate(frames, 1):
+        if not _same_rest(frame, tested):
+            raise UserError(
+                f"labelled frame {number} of {len(frames)} has another rest frame than the test "
+                "frames, so it is of another sensor; show presses of the tested one."
+            )
+    for number, answer in enumerate(truth, 1):
+        if wrong := _out_of_range(answer, context):
+            raise UserError(
+                f"label {number} of {len(truth)} says {wrong}; labels are in mm and degrees, "
+                "origin at the apex."
+            )
+    deepest = max((depth for answer in truth for depth in _depths(answer)), default=np.inf)
+    if deepest < SHALLOWEST * context.max_depth:
+        raise UserError(
+            f"the deepest of {len(truth)} labels is {deepest:g} mm, where presses are up to "
+            f"{context.max_depth:g} mm deep; labels are in mm, not in m."
+        )
+
+
+def _same_rest(frame: Frame, other: Frame) -> bool:
+    if frame.rest is None or other.rest is None:
+        return frame.rest is other.rest
+    return frame.rest is other.rest or np.array_equal(frame.rest, other.rest)
+
+
+def _depths(answer: Answer) -> list[float]:
+    return [answer.depth] if isinstance(answer, PlatePose) else answer.depth.tolist()
+
+
+def _out_of_range(answer: Answer, context: ModelContext) -> str:
+    """Return the number that no press can have, in words; "" for a label that may be true."""
+    for depth in _depths(answer):
+        if not abs(depth) <= DEEPEST * context.max_depth:
+            return f"depth {depth:g}, but presses are up to {context.max_depth:g} mm deep"
+    if isinstance(answer, Contacts):
+        x, y = context.grid.axes()
+        for place in answer.xy.tolist():
+            if (np.abs(place) > [np.abs(x).max(), np.abs(y).max()]).any():
+                return f"({place[0]:g}, {place[1]:g}), which is outside of the sensor"
+    elif not abs(answer.tilt) <= 90:
+        return f"tilt {answer.tilt:g}, but a plate tilts by less than 90 degrees"
+    return ""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A frame without an answer.
+
+    Attributes:
+        row: Row of the frame.
+        raised: Whether an exception was raised; otherwise a number was not finite.
+        cause: Type and message of the exception, on one line.
+    """
+
+    row: int
+    raised: bool
+    cause: str
+
+
+class HardCaseEvaluation(Evaluation):
+    """The test of a model on frames on which it may fail.
+
+    It is not timed: the weights are those of other protocols, which time them.
+    """
+
+    def predict(self) -> Predictions:
+        """Return the answers, with no contacts where the model failed, and the failures."""
+        frames = self.test.frames
+        with self.reporter.task("predict", len(frames)) as advance:
+            answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
+        return Predictions({**pack(answers, self.kind), **failure_arrays(failures)})
+
+    def time(self) -> Speed:
+        """Return no times."""
+        return Speed()
+
+    def examples(self) -> Arrays:
+        """Return the first frame of every case."""
+        first = {group: row for row, group in reversed(list(enumerate(self.test.groups)))}
+        return example_arrays(self.test.frames, self.test.truth, None, sorted(first.values()))
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:
+        """Return the number of frames on which the model failed, and the causes."""
+        return {"failures": failures_record(predictions.arrays, self.test.groups)}
+
+
+def predict_or_fail(
+    model: Model, frames: Sequence[Frame], rules: AnswerRules, advance: Any
+) -> tuple[Answers, list[Failure]]:
+    """Return the answers of ``predict_frames``, and the frames on which the model failed.
+
+    The answer to such a frame has no contacts. An exception that does not come from the model, such
+    as an interruption, is not caught.
+
+    Args:
+        model: The trained model.
+        frames: Test frames.
+        rules: Limits of the answers.
+        advance: Function that is called after every frame.
+    """
+    answers: Answers = []
+    failures: list[Failure] = []
+    for row, frame in enumerate(frames):
+        try:
+            predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's
+            raised = not isinstance(error, NotFiniteError)
+            failures.append(Failure(row, raised, _cause(error)))
+            predicted = [Contacts.none()]
+        answers += predicted
+        advance(1)
+    return answers, failures
+
+
+def failure_arrays(failures: Sequence[Failure]) -> Arrays:
+    """Return the arrays that are stored with the answers, for F frames without an answer.
+
+    These are failed (F,) rows of the frames, raised (F,) and cause (F,).
+    """
+    return {
+        "failed": np.array([failure.row for failure in failures], dtype=np.int64),
+        "raised": np.array([failure.raised for failure in failures], dtype=bool),
+        "cause": np.array([failure.cause for failure in failures], dtype=np.str_),
+    }
+
+
+def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[str, Any]:
+    """Return the number of failed frames, and causes with their first case and number of frames.
+
+    Args:
+        arrays: Arrays of ``failure_arrays``.
+        groups: Group of every test frame.
+    """
+    causes: dict[str, dict[str, Any]] = {}
+    for row, cause in zip(arrays["failed"].tolist(), arrays["cause"].tolist(), strict=True):
+        entry = causes.setdefault(cause, {"cause": cause, "first": groups[row], "frames": 0})
+        entry["frames"] += 1
+    return {"frames": len(arrays["failed"]), "causes": list(causes.values())[:MOST_CAUSES]}
+
+
+def _cause(error: BaseException) -> str:
+    """Return type and message of an exception on one line: "ValueError: shapes do not fit"."""
+    message = error.found if isinstance(error, BadAnswerError) else str(error)
+    text = " ".join(f"{type(error).__name__}: {message}".split())
+    return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

@@ -31,7 +31,13 @@ from tactibench.records import (
     write_answers,
 )
 from tactibench.run.components import Sensor, describe_target
-from tactibench.run.evaluation import Evaluation, TestFrames
+from tactibench.run.evaluation import (
+    AdaptedEvaluation,
+    Evaluation,
+    FewShotEvaluation,
+    HardCaseEvaluation,
+    TestFrames,
+)
 from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import Predictions, resumed_predictions
@@ -112,20 +118,12 @@ def _answer(
 
 
 def _evaluation(plan: RunPlan) -> type[Evaluation]:
-    """Return the class of the test that a plan needs; only its module is imported."""
+    """Return the class of the test that a plan needs."""
     if plan.spec.transfer is not None:
-        from tactibench.run.few_shot import FewShotEvaluation
-
         return FewShotEvaluation
     if plan.request.test.shots:
-        from tactibench.run.few_shot import AdaptedEvaluation
-
         return AdaptedEvaluation
-    if plan.spec.families:
-        from tactibench.run.hard_cases import HardCaseEvaluation
-
-        return HardCaseEvaluation
-    return Evaluation
+    return HardCaseEvaluation if plan.spec.families else Evaluation
 
 
 def _add_simulated_truth(

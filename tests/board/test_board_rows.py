@@ -184,7 +184,13 @@ def test_labelled_frames_of_the_tested_sensor_are_counted_whatever_was_fitted(
         "presses": 1000,
         "trained_on": "simulated fitted-331",
     }
-    sensor = {"name": "fitted-331", "origin": "simulated", "parameters": {}, "tested": tested}
+    sensor = {
+        "name": "fitted-331",
+        "origin": "simulated",
+        "parameters": {},
+        "settings": [],
+        "tested": tested,
+    }
     seen = {"labelled_frames": [0, 200], "left_out_calibrated": 400, "described": described}
     record = fabricate().model_copy(
         update={

@@ -372,7 +372,13 @@ def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_reveale
         "on": "hidden presses",
         "presses": 20,
     }
-    sensor = {"name": "tactip-127", "origin": "simulated", "parameters": {}, "tested": tested}
+    sensor = {
+        "name": "tactip-127",
+        "origin": "simulated",
+        "parameters": {},
+        "settings": [],
+        "tested": tested,
+    }
     path = submitted("exp1", hidden=seed)
     with pytest.raises(UserError, match="but its predictions give"):
         verify(path, source)  # answers to hidden presses are not answers to the public ones

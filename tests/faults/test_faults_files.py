@@ -23,8 +23,6 @@ from tactibench.records import (
     StoredRun,
     open_run,
     run_names,
-    write_arrays,
-    write_json,
     write_run,
 )
 
@@ -39,19 +37,6 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         pytest.skip("a small disk can only be mounted by root on Linux")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
-
-
-def test_a_disk_that_is_full_leaves_nothing_half_done(small_disk: Path) -> None:
-    noise = np.random.default_rng(0).integers(0, 256, 200_000, dtype=np.uint8)
-    write_json(small_disk / "kept.json", {"a": 1})
-    for written in (
-        lambda: write_arrays(small_disk / "big.npz", {"noise": noise}),
-        lambda: write_json(small_disk / "kept.json", {"a": noise.tolist()}),
-    ):
-        with pytest.raises(OSError, match=r"space|written"):
-            written()
-        assert [path.name for path in small_disk.iterdir()] == ["kept.json"]
-    assert (small_disk / "kept.json").read_text() == '{\n "a": 1\n}\n'
 
 
 def test_a_run_that_does_not_fit_leaves_the_one_before(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tactibench import UserError
+from tactibench import Contacts, PlatePose, UserError
 from tactibench.records import (
+    MANIFEST,
+    CacheEntry,
     arrays_hash,
     atomic,
+    pack,
     parse_json,
     read_arrays,
     read_checked_json,
     read_json,
+    unpack_contacts,
+    unpack_plates,
     write_arrays,
     write_checked_json,
     write_json,
@@ -176,3 +183,118 @@ def test_a_checked_object_comes_back_and_a_changed_one_does_not(tmp_path: Path) 
     write_json(path, {"a": 1.6})  # without a checksum
     with pytest.raises(UserError, match="is not what was written"):
         read_checked_json(path)
+
+
+FILES = {"a.npy": b"0123456789" * 9, "below/b.bin": b"x"}
+
+
+def fill(folder: Path) -> dict[str, Any]:
+    for name, content in FILES.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    return {"presses": 3}
+
+
+@pytest.fixture
+def entry(tmp_path: Path) -> CacheEntry:
+    return CacheEntry(tmp_path / "cache" / "key", {"model": "mean", "seed": 0})
+
+
+def test_what_was_written_is_read(entry: CacheEntry) -> None:
+    assert (entry.cached, entry.read()) == (False, None)
+    manifest = entry.write(fill)
+    assert entry.cached
+    assert entry.read() == manifest
+    assert manifest["presses"] == 3
+    assert set(manifest["files"]) == set(FILES)
+    assert CacheEntry(entry.folder, {"seed": 0, "model": "mean"}).read() == manifest
+    assert CacheEntry(entry.folder, {"seed": 1, "model": "mean"}).read() is None
+    entry.remove()
+    assert not entry.cached
+
+
+@pytest.mark.parametrize("error", [OSError("full"), KeyboardInterrupt()])
+def test_a_failed_write_leaves_what_was_there(entry: CacheEntry, error: BaseException) -> None:
+    manifest = entry.write(fill)
+
+    def fail(folder: Path) -> dict[str, Any]:
+        fill(folder)
+        raise error
+
+    with pytest.raises(type(error)):
+        entry.write(fail)
+    assert entry.read() == manifest
+    assert [path.name for path in entry.folder.parent.iterdir()] == [entry.folder.name]
+
+
+def flip(path: Path) -> None:
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    path.write_bytes(raw)
+
+
+DAMAGES: dict[str, Callable[[Path], object]] = {
+    "flipped": flip,
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-5]),
+    "empty": lambda path: path.write_bytes(b""),
+    "gone": lambda path: path.unlink(),
+    "binary": lambda path: path.write_bytes(b"\xff\xfe\x00"),
+    "a list": lambda path: path.write_text("[]"),
+    "an object": lambda path: path.write_text('{"files": {}}'),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("name", [*FILES, MANIFEST])
+def test_a_damaged_entry_is_not_read_and_can_be_replaced(
+    entry: CacheEntry, name: str, damage: str
+) -> None:
+    manifest = entry.write(fill)
+    DAMAGES[damage](entry.folder / name)
+    assert entry.read() is None
+    assert entry.write(fill) == manifest == entry.read()
+
+
+FINITE = st.floats(-100, 100)
+
+
+@st.composite
+def contacts(draw: st.DrawFn) -> Contacts:
+    n = draw(st.integers(0, 4))
+    std = draw(st.none() | hnp.arrays(float, (n, 3), elements=st.floats(0, 9)))
+    return Contacts(
+        draw(hnp.arrays(float, (n, 2), elements=FINITE)),
+        draw(hnp.arrays(float, n, elements=FINITE)),
+        draw(hnp.arrays(float, n, elements=st.floats(0, 1))),
+        std,
+    )
+
+
+@given(st.lists(contacts(), max_size=6))
+def test_contacts_come_back(answers: list[Contacts]) -> None:
+    again = unpack_contacts(pack(answers, "contacts"))
+    assert len(again) == len(answers)
+    for one, two in zip(answers, again, strict=True):
+        for name in ("xy", "depth", "score"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+        if one.std is None or not len(one):
+            assert two.std is None
+        else:
+            np.testing.assert_array_equal(one.std, two.std)
+
+
+PLATES = st.none() | st.builds(PlatePose, FINITE, FINITE, st.none() | st.tuples(FINITE, FINITE))
+
+
+@given(st.lists(PLATES, max_size=6))
+def test_plates_come_back(answers: list[PlatePose | None]) -> None:
+    assert unpack_plates(pack(answers, "plate")) == tuple(answers)
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [(PlatePose(1, 2), "contacts"), (None, "contacts"), (Contacts.none(), "plate")],
+)
+def test_answers_of_another_kind_are_no_silent_miss(answer: object, kind: str) -> None:
+    with pytest.raises(TypeError, match="1 answers are no"):
+        pack([answer], kind)  # type: ignore[list-item]

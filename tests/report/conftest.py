@@ -279,8 +279,8 @@ def made_record(fabricate: Callable[..., Record], protocol: str, **changes: Any)
     sensor = ("recorded", "real") if real else ("tactip-127", "simulated")
     made = {
         "name": f"{protocol}-unet-single-1f00",
-        "model": {"name": "cnn" if real else "unet", "parameters": {"width": 16}},
-        "sensor": {"name": sensor[0], "parameters": {}, "origin": sensor[1]},
+        "model": {"name": "cnn" if real else "unet", "parameters": {"width": 16}, "settings": []},
+        "sensor": {"name": sensor[0], "parameters": {}, "settings": [], "origin": sensor[1]},
         "environment": {
             "cpu": "Intel(R) Xeon(R) Processor @ 2.10GHz",
             "threads": 2,

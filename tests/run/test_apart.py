@@ -105,23 +105,12 @@ def test_a_test_of_few_presses_has_none(planned: Callable[..., RunPlan], exp2: P
     assert plan.frames.count("test") == 20
 
 
-def test_bounds_are_of_the_main_frames(run: Callable[..., StoredRun]) -> None:
-    truth = run("exp1", sensor="several").arrays("truth")
-    assert len(truth["bound"]) == 20
-    assert len(truth["group"]) == 20 + 16
-
-
 def test_the_main_frames_are_those_that_are_timed(
     planned: Callable[..., RunPlan], exp2: Path
 ) -> None:
     test = TestFrames.open(planned(str(exp2), sensor="several"), NullReporter())
     assert test.main_frames == MAIN
     assert len(test.frames) == MAIN + BETWEEN + UNEVEN + UNSEEN
-
-
-def test_examples_are_of_the_main_test(run: Callable[..., StoredRun], exp2: Path) -> None:
-    done = run(str(exp2), sensor="several")
-    assert done.arrays("examples")["index"].max() < MAIN
 
 
 def test_a_frame_that_is_scored_apart_has_no_true_surface() -> None:

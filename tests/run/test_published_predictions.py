@@ -99,12 +99,6 @@ def test_it_is_looked_for_beside_the_data(published, file, inside):
     assert found.path.resolve() == file.resolve()
 
 
-def test_a_file_of_that_name_with_other_content_is_not_taken(published, file):
-    file.write_text("p1,t1\n1,2\n")
-    (found,) = find_published(published, file.parent, None)
-    assert found.path is None
-
-
 def test_a_given_file_is_taken_wherever_it_lies_or_refused(published, file, tmp_path):
     moved = tmp_path / "elsewhere.csv"
     moved.write_bytes(file.read_bytes())
@@ -116,12 +110,6 @@ def test_a_given_file_is_taken_wherever_it_lies_or_refused(published, file, tmp_
         find_published(published, None, moved)
     with pytest.raises(UserError, match="cannot be read"):
         find_published(published, None, tmp_path / "nothing.csv")
-
-
-def test_the_shipped_table_names_the_file_that_was_released():
-    (found,) = find_published(load_protocol("surface"), None, None)
-    assert (found.table, found.model) == ("tac-vgnn", "Tac-VGNN")
-    assert found.file.file == "published_prediction.csv"
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data/tac-vgnn is not there")

@@ -10,9 +10,8 @@ import pytest
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.board import command_options, rows_of
-from tactibench.frames import check_labelled
 from tactibench.records import StoredRun
-from tactibench.run import RunPlan, TestOptions, read_test_options
+from tactibench.run import RunPlan, TestOptions, check_labelled, read_test_options
 
 Planned = Callable[..., RunPlan]
 Run = Callable[..., StoredRun]
@@ -94,23 +93,6 @@ def test_the_record_the_plan_the_row_and_the_signature_say_it(
     rows = rows_of([record, other])
     assert [row.label for row in rows] == ["tiny (single)", "tiny, 10 labelled presses (single)"]
     assert {command_options(row.first) for row in rows} == {" --test sensor.offset=9.0"}
-
-
-@pytest.mark.long
-def test_answers_of_different_numbers_are_not_mixed(
-    run: Run, planned: Planned, adapting: list[int]
-) -> None:
-    plans = [planned(test=shifted(n)) for n in (0, 5, 10)]
-    assert len({plan.name for plan in plans}) == 3
-    first = run(test=shifted(5), store="one")
-    again = run(test=shifted(5), store="two")
-    assert first.record.identity.predictions_hash == again.record.identity.predictions_hash
-    assert run(test=shifted(0), store="two").record.shots == 0
-
-
-def test_none_is_the_run_without_the_option(planned: Planned) -> None:
-    assert read_test_options(("sensor.offset=9.0", "shots=0")) == shifted()
-    assert planned(test=shifted()).frames.few_shot is None
 
 
 def test_options_are_read_as_they_are_written() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tactibench import UserError
 from tactibench.frames import FrameRequest, ReferenceFrames
 from tactibench.records import StoredRun, unpack_contacts
-from tactibench.run import RunPlan, TestOptions, describe_target, read_test_options
+from tactibench.run import RunPlan, TestOptions, read_test_options
 
 pytestmark = pytest.mark.long
 
@@ -82,13 +82,6 @@ def test_the_same_presses_on_a_sensor_with_other_parameters(run: Run, planned: P
     assert one["mae_mm", "x"].value < 0.03
 
 
-def test_what_asks_for_the_trained_parameters_too(planned: Planned) -> None:
-    plan = planned(parameters={"sensor": {"offset": "3.0"}}, test=REFERENCE)
-    assert plan.components.tested.values == {"offset": 3.0}
-    both = TestOptions(reference=True, parameters={"offset": "4.0"})
-    assert planned(test=both).components.tested.values == {"offset": 4.0}
-
-
 def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned) -> None:
     done = run("exp1", test=SHIFTED)
     tested = done.record.sensor.test_sensor
@@ -110,20 +103,6 @@ def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned
     assert plain.test_sensor is None
     assert "tested" not in plain.identity.json_values()
     assert "test:" not in plain.signature
-
-
-def test_the_target_is_described(planned: Planned) -> None:
-    for options, text in (
-        (REFERENCE, "known scenes"),
-        (TestOptions(parameters={"offset": "9"}), "another setting (offset=9.0)"),
-    ):
-        assert describe_target(planned(test=options).components.tested, options) == text
-
-
-def test_a_limit_holds_for_reference_scenes_too(run: Run) -> None:
-    done = run("exp3", test=REFERENCE, limit=3)
-    assert done.record.data.test == 3
-    assert done.record.partial is True
 
 
 @pytest.mark.parametrize(
@@ -185,11 +164,6 @@ def test_words_that_are_not_understood(text: str, said: str) -> None:
         read_test_options((text,))
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
-
-
-def test_a_parameter_is_given_once() -> None:
-    with pytest.raises(UserError, match=r"--test sensor\.a is given twice"):
-        read_test_options(("sensor.a=1", "sensor.a=2"))
 
 
 @given(st.booleans(), st.dictionaries(st.sampled_from("abc"), st.text(max_size=3)))

@@ -237,11 +237,6 @@ def test_the_option_is_read() -> None:
         read_test_options(("data=",))
 
 
-def test_a_label_names_a_folder_without_the_machine() -> None:
-    assert folder_label(Path("tac/331/model_surface2d")) == "331/model_surface2d"
-    assert folder_label(Path("tac/331/model_surface2d").resolve()) == "331/model_surface2d"
-
-
 @pytest.fixture
 def submitted(
     done: Done, protocol: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

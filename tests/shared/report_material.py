@@ -107,7 +107,7 @@ def hostile_record(fabricate: Callable[..., Record], text: str, **more: Any) -> 
         fabricate(**more),
         {
             "model": {"name": text, "parameters": {text: text}, "settings": [text]},
-            "encoder": {"name": text, "parameters": {}},
+            "encoder": {"name": text, "parameters": {}, "settings": []},
             "sensor.name": text,
             "signature": f"protocol:x|{parts}|seed:0",
             "regime": text,
