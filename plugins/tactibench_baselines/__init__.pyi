@@ -2,5 +2,3 @@
 
 from .nearest import MeanModel as MeanModel
 from .nearest import NearestModel as NearestModel
-from .nearest import pack as pack
-from .nearest import unpack as unpack

@@ -1,18 +1,15 @@
-"""The nearest training frame: the best answer by memory alone.
+"""The trivial models: the nearest training frame (memory alone), and the training mean.
 
-The training mean: the best answer without looking at the frame.
-
-Labels as arrays and back, and the file in which both baselines store their weights.
+The mean is the best answer without looking at the frame. Both store labels as a run stores answers.
 """
 
 from __future__ import annotations
 
 import time
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -31,66 +28,19 @@ from tactibench import (
     gray_frames,
     holds_channels,
 )
+from tactibench.records import pack, read_arrays, unpack_contacts, unpack_plates, write_arrays
 
 Arrays = dict[str, npt.NDArray[Any]]
-Kind = TypeVar("Kind", Contacts, PlatePose)
 
 
-def pack(truth: Sequence[Answer], answer: str) -> Arrays:
-    """Return N labels as arrays.
-
-    Args:
-        truth: The labels.
-        answer: "contacts" or "plate".
-
-    Returns:
-        For "contacts": count (N,), and xy (M, 2) and depth (M,) in mm of all M contacts. For
-        "plate": depth (N,) in mm and tilt (N,) in deg.
-
-    Raises:
-        TypeError: A label is of the other kind.
-    """
-    if answer == "plate":
-        plates = _all_of(PlatePose, truth)
-        return {
-            "depth": np.array([plate.depth for plate in plates], dtype=np.float64),
-            "tilt": np.array([plate.tilt for plate in plates], dtype=np.float64),
-        }
-    touches = _all_of(Contacts, truth)
-    return {
-        "count": np.array([len(contacts) for contacts in touches], dtype=np.int64),
-        "xy": np.concatenate([np.empty((0, 2)), *(contacts.xy for contacts in touches)]),
-        "depth": np.concatenate([np.empty(0), *(contacts.depth for contacts in touches)]),
-    }
+def _unpack(arrays: Arrays) -> list[Answer]:
+    """Return the labels that ``tactibench.records.pack`` was given."""
+    labels = unpack_plates(arrays) if "given" in arrays else unpack_contacts(arrays)
+    return [label for label in labels if label is not None]
 
 
-def _all_of(kind: type[Kind], truth: Sequence[Answer]) -> list[Kind]:
-    fitting = [label for label in truth if isinstance(label, kind)]
-    if len(fitting) != len(truth):
-        raise TypeError(f"{len(truth) - len(fitting)} labels are no {kind.__name__}")
-    return fitting
-
-
-def unpack(arrays: Mapping[str, npt.NDArray[Any]]) -> list[Answer]:
-    """Return the labels that ``pack`` was given."""
-    if "tilt" in arrays:
-        pairs = zip(arrays["depth"].tolist(), arrays["tilt"].tolist(), strict=True)
-        return [PlatePose(depth, tilt) for depth, tilt in pairs]
-    ends = np.cumsum(arrays["count"])
-    return [
-        Contacts.truth(arrays["xy"][end - n : end], arrays["depth"][end - n : end])
-        for n, end in zip(arrays["count"], ends, strict=True)
-    ]
-
-
-def write(path: Path, arrays: dict[str, Any]) -> None:
-    """Write an .npz; equal arrays give equal bytes."""
-    with path.open("wb") as file:
-        np.savez(file, **arrays)
-
-
-def read(path: Path, answer: str, *names: str, optional: str = "") -> Arrays:
-    """Read the arrays of ``pack`` and others from a file. Nothing is unpickled.
+def _read(path: Path, answer: str, *names: str, optional: str = "") -> Arrays:
+    """Read labels and other arrays from a file. Nothing is unpickled.
 
     Args:
         path: The file.
@@ -102,13 +52,7 @@ def read(path: Path, answer: str, *names: str, optional: str = "") -> Arrays:
         UserError: The file is missing or damaged, or holds other arrays, such as labels of another
             kind.
     """
-    expected = {*names, *pack((), answer)}
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise UserError(f"{path} is no readable weights file: {reason}; train again.") from None
+    expected, arrays = {*names, *pack((), answer)}, read_arrays(path)
     if set(arrays) - {optional} != expected:
         raise UserError(
             f"{path} holds {', '.join(sorted(arrays))}, but a model that answers {answer!r} needs "
@@ -152,7 +96,8 @@ class MeanModel(Model):
             raise UserError("model 'mean' needs a training label; raise the training count.")
         labels = pack(truth, self._answer_kind)
         if self._answer_kind == "plate":
-            self._mean = PlatePose(float(labels["depth"].mean()), float(labels["tilt"].mean()))
+            depth, tilt = labels["plate_depth"].mean(), labels["plate_tilt"].mean()
+            self._mean = PlatePose(float(depth), float(tilt))
         elif not len(labels["depth"]):
             self._mean = Contacts.none()
         else:
@@ -167,15 +112,11 @@ class MeanModel(Model):
             raise UserError("model 'mean' has learned nothing yet; train it or load weights first.")
         return [self._mean] * len(frames)
 
-    def stages(self) -> Sequence[tuple[str, Any]]:
-        """Return the one phase of ``predict``."""
-        return [("forward", self.predict)]
-
     def save(self, directory: Path) -> None:
         """Write mean.npz."""
         if self._mean is None:
             raise UserError("model 'mean' has learned nothing yet; train it first.")
-        write(directory / "mean.npz", pack([self._mean], self._answer_kind))
+        write_arrays(directory / "mean.npz", pack([self._mean], self._answer_kind))
 
     def load(self, directory: Path) -> None:
         """Read mean.npz.
@@ -183,7 +124,7 @@ class MeanModel(Model):
         Raises:
             UserError: The file is missing or damaged, or holds labels of another kind.
         """
-        (self._mean,) = unpack(read(directory / "mean.npz", self._answer_kind))
+        (self._mean,) = _unpack(_read(directory / "mean.npz", self._answer_kind))
 
 
 Features = npt.NDArray[np.float32]
@@ -231,7 +172,7 @@ class NearestModel(Model):
                 f"model 'nearest' was given {len(frames)} training frames and {len(truth)} labels; "
                 "raise the training count."
             )
-        self._truth = unpack(pack(truth, self._answer_kind))
+        self._truth = _unpack(pack(truth, self._answer_kind))
         self._minus_rest = all(frame.rest is not None for frame in frames)
         self._scale = None
         if holds_channels(frames):
@@ -258,7 +199,7 @@ class NearestModel(Model):
         """Write nearest.npz."""
         if not len(self._train):
             raise UserError("model 'nearest' has learned nothing yet; train it first.")
-        write(
+        write_arrays(
             directory / "nearest.npz",
             {
                 "features": self._train,
@@ -276,10 +217,10 @@ class NearestModel(Model):
                 of another size.
         """
         path = directory / "nearest.npz"
-        arrays = read(path, self._answer_kind, "features", "minus_rest", optional="scale")
+        arrays = _read(path, self._answer_kind, "features", "minus_rest", optional="scale")
         features, minus_rest = arrays.pop("features"), bool(arrays.pop("minus_rest"))
         self._scale = arrays.pop("scale", None)
-        truth = unpack(arrays)
+        truth = _unpack(arrays)
         width = self._size**2 if self._scale is None else len(self._scale)
         if features.shape != (len(truth), width):
             raise UserError(

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError, gray_frames
-from tactibench_baselines import MeanModel, NearestModel, pack, unpack
+from tactibench_baselines import MeanModel, NearestModel
 
 BOTH = pytest.mark.parametrize("kind", [MeanModel, NearestModel])
 ANSWERS = pytest.mark.parametrize("answer", ["contacts", "plate"])
@@ -124,7 +122,7 @@ def test_pickled_weights_are_never_read(rng, fitted, context, tmp_path, kind):
         arrays = dict(stored)
     arrays["depth"] = np.array([{"a": 1}], dtype=object)
     np.savez(path, **arrays)
-    with pytest.raises(UserError, match="no readable weights file"):
+    with pytest.raises(UserError, match="damaged"):
         kind(context("contacts")).load(tmp_path)
 
 
@@ -146,13 +144,3 @@ def test_misuse_is_not_answered(rng, fitted, context, tmp_path, kind):
         fitted(kind, [], [])
     with pytest.raises(TypeError, match="no Contacts"):
         fitted(kind, random_frames(rng, 2), random_plates(rng, 2), answer="contacts")
-
-
-@given(st.lists(st.integers(0, 4), max_size=8), st.integers(0, 2**32 - 1))
-def test_packing_loses_nothing(counts, seed):
-    rng = np.random.default_rng(seed)
-    contacts, plates = random_contacts(rng, counts), random_plates(rng, len(counts))
-    for truth, answer in ((contacts, "contacts"), (plates, "plate")):
-        got = unpack(pack(truth, answer))
-        assert len(got) == len(truth)
-        assert all(map(same, got, truth))
