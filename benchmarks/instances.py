@@ -46,17 +46,13 @@ def main() -> None:
     for kind in (TacTip127, TacTip331):
         name = kind.__name__
         made(kind, instance=RESERVED)  # loads the tables and the compiled loops
-        for ranges in (1, 2):
-            forget()
-            numbers = range(RESERVED, RESERVED + repeats)
-            once, again = (
-                [clock(partial(made, kind, instance=n, ranges=ranges)) for n in numbers]
-                for _ in range(2)
-            )
-            print(
-                f"{name} instance, ranges={ranges}: {1e3 * median(once):.1f} ms "
-                f"(again {1e3 * median(again):.1f} ms), median of {repeats}"
-            )
+        forget()
+        numbers = range(RESERVED, RESERVED + repeats)
+        once, again = ([clock(partial(made, kind, instance=n)) for n in numbers] for _ in range(2))
+        print(
+            f"{name} instance: {1e3 * median(once):.1f} ms "
+            f"(again {1e3 * median(again):.1f} ms), median of {repeats}"
+        )
         nominal = [clock(partial(made, kind)) for _ in range(repeats)]
         print(f"{name} nominal: {1e3 * median(nominal):.1f} ms, median of {repeats}")
     for count in (0, 16, 64, 144):
