@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -58,10 +57,18 @@ class ProgressBars:
 
     @contextmanager
     def training(self) -> Iterator[TrainingProgress]:
-        """Show a bar while a model is trained."""
-        bar = TrainingBar(self._bar(TextColumn("{task.fields[note]}")))
+        """Show a bar with loss and validation error (mm) while a model is trained."""
+        bar = self._bar(TextColumn("{task.fields[note]}"))
+        job = bar.add_task("train", total=None, note="", start=False)
+
+        def show(steps: Steps) -> None:
+            if not bar.live.is_started:
+                bar.start_task(job)
+                bar.start()
+            bar.update(job, total=steps.total, completed=steps.done, note=steps.note)
+
         try:
-            yield bar
+            yield Steps(show)
         finally:
             bar.stop()
 
@@ -76,38 +83,43 @@ class ProgressBars:
         )
 
 
-class TrainingBar:
-    """A bar that shows loss, validation error (mm) and time left of a training."""
+class Steps:
+    """Steps and epochs of a training, counted for whoever shows them.
 
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._job: Any = None
-        self._steps = 0
-        self._note = ""
+    Attributes:
+        total: Number of steps.
+        done: Number of steps that are done.
+        before: Number of steps that an earlier part of a continued training did.
+        note: Loss of the last step or epoch, and the last epoch with its validation error.
+    """
+
+    def __init__(self, show: Callable[[Steps], None]) -> None:
+        self._show, self._each = show, 0
+        self.total = self.done = self.before = 0
+        self.note = self._epoch = ""
 
     def start(self, epochs: int, steps: int) -> None:
         """Begin a training of ``epochs`` epochs of ``steps`` steps."""
-        self._steps = steps
-        self._progress.start()
-        self._job = self._progress.add_task("train", total=epochs * steps, note="")
+        self._each, self.total = steps, epochs * steps
+        self._show(self)
 
     def step(self, loss: float) -> None:
-        """Show the loss of one more step."""
-        if self._job is not None:
-            note = f"loss {loss:.4f}{self._note}"
-            self._progress.update(self._job, advance=1, note=note)
+        """Count a step."""
+        self.done += 1
+        self._say(loss)
 
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
-        """Show the loss and the validation error of an epoch."""
-        self._note = f"  {_epoch_text(epoch, validation_mm)}"
-        if self._job is not None:
-            note = f"loss {loss:.4f}{self._note}"
-            self._progress.update(self._job, completed=epoch * self._steps, note=note)
+        """Keep loss and validation error of an epoch."""
+        done = epoch * self._each
+        # A training that continues after a stop reports earlier epochs without their steps.
+        self.before, self.done = self.before + done - self.done, done
+        error = "" if validation_mm is None else f", validation {validation_mm:.3f} mm"
+        self._epoch = f", epoch {epoch}{error}"
+        self._say(loss)
 
-    def stop(self) -> None:
-        """Remove the bar."""
-        if self._job is not None:
-            self._progress.stop()
+    def _say(self, loss: float) -> None:
+        self.note = f"loss {loss:.4f}{self._epoch}"
+        self._show(self)
 
 
 @dataclass
@@ -180,7 +192,13 @@ class ProgressLines:
     def training(self) -> Iterator[TrainingProgress]:
         """Write lines while a model is trained; opening its frames is a phase of its own."""
         with self._during("train", 0) as phase:
-            yield TrainingLines(phase, self._clock)
+
+            def show(steps: Steps) -> None:
+                if phase.total != steps.total:
+                    phase.began, phase.total = self._clock(), steps.total
+                phase.done, phase.before, phase.note = steps.done, steps.before, steps.note
+
+            yield Steps(show)
 
     def write_due(self) -> None:
         """Write a line where the last one is old enough; of nested phases on the inner one."""
@@ -213,33 +231,3 @@ class ProgressLines:
     def _tick(self, over: threading.Event) -> None:
         while not over.wait(max(self._last + self._interval_s - self._clock(), 0.0)):
             self.write_due()
-
-
-class TrainingLines:
-    """Steps and epochs of a training, counted in a phase."""
-
-    def __init__(self, phase: Phase, clock: Callable[[], float]) -> None:
-        self._phase, self._clock = phase, clock
-        self._steps = 0
-
-    def start(self, epochs: int, steps: int) -> None:
-        """Begin a training of ``epochs`` epochs of ``steps`` steps."""
-        self._steps = steps
-        self._phase.began, self._phase.total = self._clock(), epochs * steps
-
-    def step(self, loss: float) -> None:  # noqa: ARG002 - a line shows the loss of an epoch
-        """Count a step."""
-        self._phase.done += 1
-
-    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
-        """Keep loss and validation error of an epoch for the next line."""
-        done = epoch * self._steps
-        # A training that continues after a stop reports earlier epochs without their steps.
-        self._phase.before += done - self._phase.done
-        self._phase.done = done
-        self._phase.note = f"loss {loss:.4f}, {_epoch_text(epoch, validation_mm)}"
-
-
-def _epoch_text(epoch: int, validation_mm: float | None) -> str:
-    error = "" if validation_mm is None else f", validation {validation_mm:.3f} mm"
-    return f"epoch {epoch}{error}"
