@@ -230,7 +230,7 @@ def terminal_text(table: Table, width: int | None = None) -> Line:
         cells = [column[number] for column in columns[:count]]
         lines += _lines(cells, table.columns, _widths(heads, columns), "")
     if left_out := [column.head for column in table.columns[count:]]:
-        text = f"too wide for this terminal: {', '.join(left_out)}"
+        text = f"too wide for this terminal: {'; '.join(left_out)}"
         lines.append(Line(textwrap.fill(text, width or len(text)), style="dim"))
     return Line("\n").join(lines)
 
@@ -247,8 +247,9 @@ def _aligned(cells: Sequence[Cell]) -> list[list[str]]:
             text = " " * (width - len(cell.text)) + text
         else:
             text = printable(cell.text if isinstance(cell, Text) else cell)
-        texts.append([text])
-    return texts
+        texts.append(text)
+    full = max(map(cell_len, texts), default=0) if width else 0
+    return [[text + " " * (full - cell_len(text))] for text in texts]
 
 
 def _broken(text: str, width: int = WORDS) -> list[str]:
