@@ -12,6 +12,7 @@ from stored_answers import store_run
 
 from tactibench import UserError
 from tactibench.board import FOLDER, add, compact, read_submissions, refuse_twins, slot, text_of
+from tactibench.records import open_run
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -92,7 +93,7 @@ def test_changed_predictions_are_refused(tmp_path, stored):
     run = stored()
     np.savez(run.folder / "predictions.npz", values=np.arange(5.0))
     with pytest.raises(UserError, match="not what its record was made from"):
-        add(run, tmp_path / "board")
+        add(open_run(run.folder.parent, run.name), tmp_path / "board")
 
 
 def test_seeds_rows_and_presses_have_slots_of_their_own(fabricate):
@@ -114,7 +115,7 @@ def test_seeds_rows_and_presses_have_slots_of_their_own(fabricate):
     [
         ({"name": "another"}, "file and folder must be called so"),
         ({"partial": True}, "partial run"),
-        ({"schema": 99}, "record schema 99"),
+        ({"schema": 99}, "is read by commit e6a49ac9"),
         ({"extra": 1}, "is no valid record"),
     ],
 )
