@@ -12,13 +12,11 @@ from .registry import compared_metrics as compared_metrics
 from .registry import find_metric as find_metric
 from .registry import press_means as press_means
 from .registry import press_shares as press_shares
-from .spec import MetricSpec as MetricSpec
 from .spec import by_condition as by_condition
 from .spec import by_kind as by_kind
 from .spec import condition as condition
 from .surface import surface_floor as surface_floor
 from .threshold import MISFIT as MISFIT
-from .threshold import MOST_LAPSES as MOST_LAPSES
 from .threshold import SHARE as SHARE
 from .threshold import Profile as Profile
 from .threshold import checked_threshold as checked_threshold
