@@ -38,7 +38,7 @@ class TacTip(Sensor):
         if not self._config:
             raise UserError(
                 "sensor 'tactip' is a real one and needs a configuration: --param "
-                "sensor.config=FILE.toml (`tactibench hw example` prints one)."
+                "sensor.config=FILE.toml (`tactibench hw example` writes one)."
             )
         return read_settings(Path(self._config))
 

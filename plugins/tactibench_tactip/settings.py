@@ -352,7 +352,7 @@ def read_settings(path: Path) -> Settings:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(
-            f"the configuration {path} is not there; `tactibench hw example` prints one to start "
+            f"the configuration {path} is not there; `tactibench hw example` writes one to start "
             "from."
         ) from None
     except OSError as error:

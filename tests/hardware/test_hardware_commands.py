@@ -80,11 +80,12 @@ def test_help_and_list_load_nothing_heavy() -> None:
     assert done.stdout.splitlines()[-1] == ""
 
 
-def test_the_example_can_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(["hw", "example"]) == 0
+def test_the_example_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "new.toml"
-    path.write_text(capsys.readouterr().out)
+    assert call(["hw", "example", str(path)]) == 0
     assert read_settings(path).robot.driver == "ur"
+    assert call(["hw", "example", str(path)]) == 2
+    assert "is there already" in capsys.readouterr().err
 
 
 def test_a_note_at_an_error_is_told(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:

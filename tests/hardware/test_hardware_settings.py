@@ -65,7 +65,7 @@ def test_a_mistake_is_one_sentence_with_the_key(
 
 
 def test_a_file_that_is_not_there_says_how_to_get_one(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="hw example` prints one"):
+    with pytest.raises(UserError, match="hw example` writes one"):
         read_settings(tmp_path / "none.toml")
 
 

@@ -29,7 +29,7 @@ from tactibench_tactip import (
 )
 
 EXAMPLE = (Path(__file__).parents[2] / "plugins/tactibench_tactip/example.toml").read_text("utf-8")
-"""What ``hw example`` prints."""
+"""What ``hw example`` writes."""
 STAGE = EXAMPLE.replace('driver = "ur"', 'driver = "grbl"').replace("# home = true", "home = true")
 TRUE_Z0 = 0.35
 FIXED_TOUCH = {"method": "fixed", "fixed_mm": TRUE_Z0}

@@ -10,7 +10,7 @@ VERBS = {
     "calibrate": ("calibrate", "find where the sensor sits, and how long a press settles"),
     "collect": ("collect", "press a protocol's presses and keep the frames"),
     "doctor": ("devices", "say what is reachable, and what is not as the configuration says"),
-    "example": ("devices", "print a commented configuration to start from"),
+    "example": ("devices", "write a commented configuration to start from"),
     "jog": ("devices", "move the tool by hand, inside the envelope; home a stage"),
     "live": ("live", "watch camera, pins, contacts and the latency of the loop"),
     "plan": ("collect", "check the presses of a protocol before anything moves"),
@@ -51,7 +51,7 @@ def hw() -> None:
     """Work with a real TacTip under a UR arm or a serial stage.
 
     \b
-    tactibench hw example > lab.toml                    a configuration to start from
+    tactibench hw example lab.toml                      a configuration to start from
     tactibench hw collect exp1 --config lab.toml --emulate --count 20 --out data/try
     tactibench hw doctor --config lab.toml              then the real devices
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import click
@@ -33,9 +34,13 @@ Row = tuple[str, str, str]
 
 
 @click.command("example")
-def example() -> None:
-    """Print a commented configuration, for a file that the other commands read."""
-    click.echo(files("tactibench_tactip").joinpath("example.toml").read_text("utf-8"), nl=False)
+@click.argument("path", metavar="FILE.toml", type=click.Path(path_type=Path, dir_okay=False))
+def example(path: Path) -> None:
+    """Write a commented configuration of a UR to start from; comments tell the lines of a stage."""
+    if path.exists():
+        raise UserError(f"{path} is there already; name another file.")
+    path.write_bytes(files("tactibench_tactip").joinpath("example.toml").read_bytes())
+    click.echo(f"configuration: {path}")
 
 
 @click.command("doctor")
