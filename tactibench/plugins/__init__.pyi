@@ -25,7 +25,6 @@ from .specs import IMAGE as IMAGE
 from .specs import INSTANCE as INSTANCE
 from .specs import KINDS as KINDS
 from .specs import NOMINAL as NOMINAL
-from .specs import VERSION as VERSION
 from .specs import CommandSpec as CommandSpec
 from .specs import EncoderSpec as EncoderSpec
 from .specs import ModelSpec as ModelSpec

@@ -34,8 +34,6 @@ IMAGE, CHANNELS = "image", "channels"
 SIGNALS = (IMAGE, CHANNELS)
 """Kinds of signal: uint8 images of a camera, float32 channels of any other sensor."""
 ORIGINS = ("simulated", "real")
-VERSION = "version"
-"""Parameter by which a sensor is chosen among its versions."""
 RECIPE = "recipe"
 """Parameter by which a model is chosen among its recipes."""
 INSTANCE = "instance"
@@ -341,8 +339,6 @@ class SensorSpec(_Spec["Sensor"]):
             ``Sensor.scenes``). Models are tested on them (``--test reference``), never trained. It
             is set as the other sensor is, as far as it has the same parameters.
         scenes: Words for the reference scenes, such as "finite-element scenes".
-        versions: Value of the parameter ``version`` -> defaults that differ in that version, by
-            name of the parameter.
     """
 
     _BASE = "Sensor"
@@ -351,13 +347,6 @@ class SensorSpec(_Spec["Sensor"]):
     needs_data: bool = False
     reference_of: str = ""
     scenes: str = ""
-    versions: Mapping[int, Mapping[str, Value]] = field(
-        default_factory=dict, hash=False, kw_only=True
-    )
-
-    def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
-        """Return the parameter that chooses a version, and the versions."""
-        return VERSION, self.versions
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -9,7 +9,6 @@ from typing import Any
 from tactibench.errors import UserError
 from tactibench.plugins import (
     INSTANCE,
-    VERSION,
     Encoder,
     EncoderSpec,
     Model,
@@ -164,10 +163,7 @@ def resolve_test_sensor(
         return _one_instance(sensor) if _has_several(sensor) else None
     name = references[sensor.name] if options.reference else sensor.name
     tested: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
-    # Another version has defaults of its own: only the parameters that were set are taken over.
-    versions = VERSION in options.parameters
-    over = set(sensor.component.settings) if versions else set(sensor.values)
-    over &= set(tested.values) - set(options.parameters)
+    over = set(sensor.values) & set(tested.values) - set(options.parameters)
     taken_over = {name: sensor.values[name] for name in over}
     tested = BoundSpec(tested.spec, {**tested.values, **taken_over}, tested.origin)
     several = _has_several(tested)

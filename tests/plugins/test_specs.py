@@ -177,32 +177,14 @@ def test_a_recipe_has_defaults_of_its_own_that_a_user_may_change() -> None:
         ModelSpec("m", "a:B", "", (WIDTH,), recipes={"paper": {"width": 64}})
 
 
-def versioned(versions: dict[int, dict[str, Any]]) -> SensorSpec:
-    version = Parameter("version", 1, "the version", choices=(1, 2))
-    return SensorSpec("s", "p.m:C", "a sensor", (version, WIDTH, RATE), versions=versions)
-
-
-def test_a_version_has_defaults_of_its_own() -> None:
-    spec = versioned({2: {"width": 32}})
-    assert spec.settings({}) == {"version": 1, "width": 16, "rate": 0.5}
-    assert spec.settings({"version": "2"}) == {"version": 2, "width": 32, "rate": 0.5}
-    assert spec.settings({"version": "2", "width": "16"})["width"] == 16
-    assert versioned({1: {"width": 8}}).settings({})["width"] == 8, "version 1 is the default"
-    assert spec.settings_of_record({"width": 32, "smell": 1})["width"] == 32
-
-
-def test_a_label_names_the_version_and_what_differs_from_it() -> None:
-    spec = versioned({2: {"width": 32}})
+def test_a_label_names_the_recipe_and_what_differs_from_it() -> None:
+    recipe = Parameter("recipe", "default", "the recipe", choices=("default", "paper"))
+    spec = ModelSpec("m", "a:B", "", (recipe, WIDTH), recipes={"paper": {"width": 32}})
     for texts, settings in (
         ({}, []),
-        ({"version": "2"}, ["version"]),
-        ({"version": "2", "width": "16"}, ["version", "width"]),
+        ({"recipe": "paper"}, ["recipe"]),
+        ({"recipe": "paper", "width": "16"}, ["recipe", "width"]),
     ):
         bound = BoundSpec(spec, spec.settings(texts), Origin("p", "p", "1"))
         assert bound.component.settings == settings
-
-
-@pytest.mark.parametrize("values", [{"depth": 1}, {"width": 1000}])
-def test_a_version_sets_what_there_is_to_what_is_allowed(values: dict[str, Any]) -> None:
-    with pytest.raises((ValueError, UserError)):
-        versioned({2: values})
+    assert spec.settings_of_record({"width": 32, "smell": 1})["width"] == 32
