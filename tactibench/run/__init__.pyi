@@ -86,7 +86,6 @@ from .timing import time_models as time_models
 from .weights import TrainedWeights as TrainedWeights
 from .weights import cached_weights as cached_weights
 from .weights import train_model as train_model
-from .weights import weights_folder as weights_folder
 from .weights_file import SUFFIX as SUFFIX
 from .weights_file import WeightsDescription as WeightsDescription
 from .weights_file import export_onnx as export_onnx

@@ -246,19 +246,3 @@ def cached_weights(cache: Path) -> list[dict[str, Any]]:
         rows.append(row)
     order = ("model", "regime", "presses", "seed", "folder")
     return sorted(rows, key=lambda row: [row[name] for name in order])
-
-
-def weights_folder(cache: Path, content_hash: str) -> Path | None:
-    """Return the folder of the weights with a hash; None where no intact weights have it.
-
-    Args:
-        cache: Folder of the cache.
-        content_hash: Hash of the weights. It is compared with every file.
-    """
-    for row in cached_weights(cache):
-        if row["hash"] == content_hash:
-            folder: Path = cache / "weights" / row["folder"]
-            identity = read_checked_json(folder / MANIFEST)["identity"]
-            if CacheEntry(folder, identity).read() is not None:
-                return folder
-    return None
