@@ -134,17 +134,10 @@ def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
     Raises:
         UserError: A value is no JSON or not finite.
     """
-    row: dict[str, Any] = {
-        "file_name": sample.file_name,
-        "id": sample.id,
-        "status": sample.status,
-        "sha256": sample.sha256,
-        "press": sample.press,
-        "session": sample.session,
-        "attempt": sample.attempt,
-    }
-    if sample.t_frame_ns is not None:
-        row["t_frame_ns"] = int(sample.t_frame_ns)
+    keys = ("file_name", "id", "status", "sha256", "press", "session", "attempt", "t_frame_ns")
+    row: dict[str, Any] = {key: getattr(sample, key) for key in keys}
+    if sample.t_frame_ns is None:
+        del row["t_frame_ns"]
     if sample.scene is not None:
         row |= scene_keys(sample.scene)
     contacts = contacts_of(sample.scene, dome_radius_mm)
@@ -152,10 +145,7 @@ def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
         row["n_contacts"] = len(contacts)
         row["contacts_xy_mm"] = contacts.xy.tolist()
         row["contacts_depth_mm"] = contacts.depth.tolist()
-    if sample.labels:
-        row["labels"] = {str(name): float(value) for name, value in sample.labels.items()}
-    if sample.extra:
-        row["extra"] = dict(sample.extra)
+    row |= {key: value for key in ("labels", "extra") if (value := dict(getattr(sample, key)))}
     return json_line(row, f"sample {sample.id}")
 
 
