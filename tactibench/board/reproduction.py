@@ -21,21 +21,18 @@ from typing import Any
 
 from tactibench.board.rows import draws_nothing
 from tactibench.board.submissions import read_submission, refuse_names, write_submission
-from tactibench.board.verification import headline
+from tactibench.board.verification import headline, options_of_test
 from tactibench.errors import UserError
 from tactibench.plugins import PluginHost
 from tactibench.protocols import recorded_version
 from tactibench.records import BoundSpec, Metric, Record, Reproduction
 from tactibench.run import (
-    HIDDEN,
     Reporter,
     RunRequest,
-    TestOptions,
     environment_facts,
     execute,
     folder_label,
     make_plan,
-    read_test_options,
 )
 
 EXACT = 1e-3
@@ -146,6 +143,9 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
         "model": BoundSpec.of_record(host.models, record.model),
         "sensor": BoundSpec.of_record(host.sensors, record.sensor),
     }
+    test = options_of_test(record)
+    if test.data is not None:
+        test = replace(test, data=_folder(record, str(test.data), data))
     if record.encoder is not None:
         bound["encoder"] = BoundSpec.of_record(host.encoders, record.encoder)
     return RunRequest(
@@ -161,7 +161,7 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
             for kind, spec in bound.items()
         },
         presses=record.limits.presses,
-        test=_test_options(record, data),
+        test=test,
     )
 
 
@@ -170,18 +170,6 @@ def _recording(record: Record, data: Path | None) -> Path:
     test = record.test_sensor
     trained_on = "" if test is None else test.trained_on or ""
     return _folder(record, trained_on.removeprefix("real recording "), data)
-
-
-def _test_options(record: Record, data: Path | None) -> TestOptions:
-    if record.test_sensor is None:
-        return TestOptions()
-    texts = record.test_sensor.options
-    options = read_test_options(
-        tuple(text for text in texts if text != HIDDEN), hidden=HIDDEN in texts
-    )
-    if options.data is None:
-        return options
-    return replace(options, data=_folder(record, str(options.data), data))
 
 
 def _folder(record: Record, label: str, data: Path | None) -> Path:

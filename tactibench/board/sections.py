@@ -11,10 +11,10 @@ from tactibench.board.rows import BOUND, Row, rows_of, section_key, trained_for,
 from tactibench.board.submissions import (
     FOLDER,
     all_press_errors,
+    check_folder,
     compact,
     press_errors_of,
     read_submissions,
-    records_of,
     slot,
 )
 from tactibench.errors import UserError, did_you_mean
@@ -134,7 +134,8 @@ def all_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     """
     loaded = load_protocol(protocol)
     name = loaded.spec.id
-    records: dict[str, Record] = {slot(record): record for record in records_of(board, name)}
+    check_folder(board)
+    records = {slot(record): record for record in read_submissions(board, name)}
     stored = [run.record for run in stored_runs(runs)] if runs is not None else []
     for record in sorted(stored, key=lambda record: (record.created, record.name)):
         stated = record.protocol

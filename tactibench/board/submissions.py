@@ -29,9 +29,7 @@ from tactibench.metrics import PlateTrials, Trials, press_shares
 from tactibench.protocols import (
     Protocol,
     board_spec,
-    protocol_files,
     recorded_version,
-    unknown_protocol,
 )
 from tactibench.records import (
     CHECKSUM,
@@ -208,19 +206,6 @@ def read_submissions(board: Path, protocol: str) -> list[Record]:
         recorded_version(label, content_hash, name)
     refuse_twins(records)
     return records
-
-
-def records_of(board: Path, protocol: str) -> list[Record]:
-    """Return the committed records of a protocol.
-
-    Raises:
-        UserError: The protocol is unknown, there is no board, or a committed record is invalid.
-    """
-    files = protocol_files()
-    if protocol not in files:
-        raise unknown_protocol(protocol, files)
-    check_folder(board)
-    return read_submissions(board, protocol)
 
 
 def read_submission(path: Path) -> Record:

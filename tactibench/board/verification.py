@@ -307,7 +307,9 @@ def make_truth(
         UserError: The test set cannot be made on this machine, or the record does not agree with
             its own options.
     """
-    options = _test_options(record, source)
+    options = options_of_test(record)
+    if options.data is not None:
+        options = replace(options, data=source.data)
     if protocol.spec.transfer is None and options.shots != record.shots:
         raise UserError(
             f"{record.name} says that its model was shown {record.shots:,} labelled presses of the "
@@ -371,14 +373,12 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
     )
 
 
-def _test_options(record: Record, source: Source) -> TestOptions:
-    test = record.test_sensor
-    if test is None:
-        return TestOptions()
-    texts = tuple(text for text in test.options if text != HIDDEN)
-    options = read_test_options(texts, hidden=HIDDEN in test.options)
-    # A record holds only the last two names of the folder's path.
-    return options if options.data is None else replace(options, data=source.data)
+def options_of_test(record: Record) -> TestOptions:
+    """Return the options of the test of a record; a folder is named by its last two names only."""
+    texts = [] if record.test_sensor is None else record.test_sensor.options
+    return read_test_options(
+        tuple(text for text in texts if text != HIDDEN), hidden=HIDDEN in texts
+    )
 
 
 def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board import BELOW_BOUND, ReproducedRun, Verdict
+from tactibench.board import BELOW_BOUND, ReproducedMetric, ReproducedRun, Verdict
 from tactibench.report.labels import named
 from tactibench.report.tables import Column, metric_number, print_table, table
 
@@ -56,9 +56,8 @@ def print_reproduction(console: Console, run: ReproducedRun) -> None:
         (
             f"  {named(one.stated.metric, one.stated.unit)}",
             one.stated.group,
-            _value(one.stated.value),
-            _value(one.value),
-            "n/a" if one.low is None else f"{one.low:.4g} to {one.high:.4g}",
+            *(_value(value, one) for value in (one.stated.value, one.value)),
+            " to ".join(_value(end, one) for end in (one.low, one.high)),
             ("" if one.within else "NO") if one.decides else "no (not decisive)",
         )
         for one in shown
@@ -68,10 +67,11 @@ def print_reproduction(console: Console, run: ReproducedRun) -> None:
     heads = ("  metric", "group", "record", "reproduced", "tolerance", "within")
     print_table(console, table(heads, rows))
     within = sum(one.within for one in run.metrics)
-    frames = "the same test frames" if run.same_frames else "test frames that differ in pixels"
+    frames = "the same test frames" if run.same_frames else "test frames with another hash"
     text = f"  {within:,} of {len(run.metrics):,} metrics within tolerance, on {frames}"
     console.print(Text(text), soft_wrap=True)
 
 
-def _value(value: float | None) -> str:
-    return "n/a" if value is None else f"{value:.5g}"
+def _value(value: float | None, metric: ReproducedMetric) -> str:
+    scale = 100.0 if metric.stated.unit == "share" else 1.0
+    return "n/a" if value is None else f"{scale * value:.5g}"
