@@ -89,7 +89,7 @@ def test_a_row_shows_seeds_mean_interval_spread_misses_and_trivial_rows(fabricat
     (rows,) = tables(text)[MAIN]
     assert [row["model"] for row in rows] == [
         "unet + hertz (single)<br><sub>prior knowledge: not stated, 2 seeds, as submitted</sub>",
-        "*mean (single)*<br><sub>1 seed, as submitted</sub>",
+        "*mean (single)*<br><sub>prior knowledge: not stated, 1 seed, as submitted</sub>",
     ]
     assert rows[0]["GOSPA, mm"] == "0.0500<br><sub>0.0450 – 0.0550</sub><br><sub>sd 0.0141</sub>"
     assert rows[0]["MAE, mm"] == "0.0400<br><sub>0.0360 – 0.0440</sub><br><sub>sd 0.0141</sub>"
