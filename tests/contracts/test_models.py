@@ -138,7 +138,7 @@ def test_the_callers_default_type_changes_neither_weights_nor_answers(
 
 
 def fit(model: Model, name: str, seed: int = 3, progress: Any = None) -> Any:
-    few = subject(name).examples[:16]
+    few = subject(name).examples[:24]
     return model.fit(
         list(few.frames),
         list(few.truth),
