@@ -342,17 +342,6 @@ class Plot:
         """The matplotlib figure, drawn at its first use."""
         return self.data.draw()
 
-    @cached_property
-    def detail(self) -> Figure | None:
-        """A figure of the error case by case, a panel for each family.
-
-        It is None for other kinds than "stability".
-
-        Raises:
-            UserError: There are too many rows for one panel.
-        """
-        return None if self.data.draw_detail is None else self.data.draw_detail()
-
     def save(self, path: str | Path) -> Path:
         """Write the figure as a PNG file and return its path.
 

@@ -3,6 +3,5 @@
 from .architecture import GAIN as GAIN
 from .architecture import UNetNetwork as UNetNetwork
 from .architecture import disturb as disturb
-from .architecture import layer_features as layer_features
 from .model import UNet as UNet
 from .model import least_share as least_share

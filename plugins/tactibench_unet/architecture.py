@@ -6,10 +6,7 @@ Faults of camera and light that a network is trained under, drawn anew for every
 from __future__ import annotations
 
 import math
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
@@ -199,17 +196,6 @@ class UNetNetwork(nn.Module):
         self.up = nn.ModuleList(_block(2 * widths[level], widths[level]) for level in range(levels))
         self.head = nn.Conv2d(widths[0], channels * self.step**2, 1)
 
-    @property
-    def layers(self) -> dict[str, str]:
-        """Return module -> its name in pictures, in the order of the forward pass."""
-        levels = range(len(self.down))
-        return {
-            "stem": "stem",
-            **{f"down.{level}": f"down {level + 1}" for level in levels},
-            "bottleneck": "bottleneck",
-            **{f"up.{level}": f"up {level + 1}" for level in reversed(levels)},
-        }
-
     @torch.no_grad()
     def initialise(self, images: torch.Tensor, targets: torch.Tensor) -> None:
         """Fix the input scale to the training frames and the output to their mean heat.
@@ -280,28 +266,3 @@ def _convolution(channels: int, width: int, stride: int = 1) -> nn.Sequential:
 
 def _block(channels: int, width: int) -> nn.Sequential:
     return nn.Sequential(*_convolution(channels, width), *_convolution(width, width))
-
-
-@torch.inference_mode()
-def layer_features(
-    network: UNetNetwork, images: torch.Tensor
-) -> dict[str, npt.NDArray[np.float32]]:
-    """Return layer -> (C, H, W) activations of the first image, after normalisation and ReLU."""
-    activations: dict[str, npt.NDArray[np.float32]] = {}
-
-    def keep(name: str) -> Any:
-        def hook(_module: nn.Module, _inputs: Any, output: torch.Tensor) -> None:
-            activations[name] = output[0].float().cpu().numpy()
-
-        return hook
-
-    hooks = [
-        network.get_submodule(module).register_forward_hook(keep(name))
-        for module, name in network.layers.items()
-    ]
-    try:
-        network(images[:1])
-    finally:
-        for hook in hooks:
-            hook.remove()
-    return activations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +37,7 @@ from tactibench.training import (
     resting_frames,
     unpack_image,
 )
-from tactibench_unet.architecture import LEVELS, UNetNetwork, layer_features
+from tactibench_unet.architecture import LEVELS, UNetNetwork
 
 Image = npt.NDArray[np.uint8]
 Labelled = tuple[Sequence[Frame], Sequence[Answer]]
@@ -172,11 +172,6 @@ class UNet(LearnedModel):
     def read_maps(self, maps: np.ndarray) -> list[Answer | None]:
         """Return the answers that (N, C, H, W) maps stand for."""
         return self.answers(maps)
-
-    def features(self, frame: Frame) -> dict[str, np.ndarray]:
-        """Return layer -> (C, H, W) activations, in the order of the forward pass."""
-        network = cast("UNetNetwork", self.network)
-        return layer_features(network, self.inputs([frame]).to(self.context.device))
 
     def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
         """Return rest images, which show under faults, too, that nothing touches; else none."""

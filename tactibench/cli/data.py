@@ -15,6 +15,8 @@ from tactibench.cli.text import echo
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from tactibench.cli.output import Terminal
     from tactibench.datasets import ImportOptions, LabelReport, LabelSummary, PinSummary, Recording
     from tactibench.frames import Service
@@ -468,8 +470,14 @@ def _info_rows(
 
 def draw_sheet(path: Path, recording: Recording) -> None:
     """Write a sheet of frames as PNG; from first to last the first label grows."""
+    from tactibench.report import in_own_style, save_png
+
+    save_png(in_own_style(_sheet_figure)(recording), path)
+
+
+def _sheet_figure(recording: Recording) -> Figure:
     from tactibench.datasets import label_values, spread_rows, unit_of
-    from tactibench.report import headline, new_figure, save_png
+    from tactibench.report import headline, new_figure
 
     values = label_values(recording)
     labels, rows = spread_rows(values, len(recording), SHEET_ROWS * SHEET_COLUMNS)
@@ -488,7 +496,7 @@ def draw_sheet(path: Path, recording: Recording) -> None:
         f"{title}: {len(recording):,} frames of {recording.kind}",
         f"{len(rows)} of them, spread over the labels; above each: {above}",
     )
-    save_png(sheet, path)
+    return sheet
 
 
 def _row(metric: str, group: str, value: Any, unit: str = "") -> dict[str, Any]:

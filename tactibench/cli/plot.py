@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,18 +12,14 @@ from tactibench.cli.options import (
     board_option,
     json_option,
     param_option,
-    picture_file,
     picture_option,
     save_json,
 )
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from tactibench import api
     from tactibench.cli.output import Terminal
-    from tactibench.protocols import Axis
 
 
 @click.group()
@@ -126,8 +121,6 @@ def curve(
 @plot.command(short_help="where errors double on hard cases")
 @click.argument("protocol", default="stability")
 @board_options
-@picture_file("--errors", "Draw the error case by case, a panel a family, of at most six rows.")
-@picture_file("--cases", "Draw one frame of every case, from a run of --store.")
 @click.option("--rows", multiple=True, metavar="LABEL", help="Only these rows, in this order.")
 def stability(
     protocol: str,
@@ -136,61 +129,24 @@ def stability(
     runs: Path | None,
     sensor: str | None,
     json_file: Path | None,
-    errors: Path | None,
-    cases: Path | None,
     rows: tuple[str, ...],
 ) -> None:
     """Show where the error of every model doubles on the graded hard cases of PROTOCOL.
 
-    From the committed records, and the complete runs of --store. Seeds are pooled.
+    From the committed records, and the complete runs of --store. Seeds are pooled. The picture
+    shows the error case by case, a panel a family, of the first six rows.
 
     \b
     tactibench run stability --model superpose
-    tactibench plot stability --out heat.png
-    tactibench plot stability --rows 'superpose (single)' --rows 'vgnn (single)' --errors curves.png
-    tactibench plot stability --store runs --out heat.png --cases cases.png
+    tactibench plot stability --out cases.png
+    tactibench plot stability --rows 'superpose (single)' --rows 'vgnn (single)' --out two.png
     """
     from tactibench import api
 
     result = api.plot(
         "stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows
     )
-    detail = None if errors is None else result.detail  # refused before anything is printed
-    terminal = _show(result, out, json_file)
-    from tactibench.report import save_png
-
-    if errors is not None and detail is not None:
-        save_png(detail, errors)
-        terminal.say(f"picture: {errors}")
-    if cases is not None:
-        from tactibench.protocols import load_protocol
-
-        save_png(_case_frames(protocol, runs, load_protocol(protocol).spec.axes), cases)
-        terminal.say(f"picture: {cases}")
-
-
-def _case_frames(protocol: str, runs: Path | None, axes: Sequence[Axis]) -> Figure:
-    """Draw the frames that the newest complete run has stored."""
-    from tactibench.records import stored_runs
-    from tactibench.report import case_frames_figure
-
-    complete = [
-        run
-        for run in ([] if runs is None else stored_runs(runs))
-        if run.record.protocol.id == protocol and not run.record.partial
-    ]
-    if not complete:
-        raise UserError(
-            "--cases draws the frames that a run has stored; name a store with a complete run of "
-            f"{protocol} with --store."
-        )
-    run = max(complete, key=lambda run: run.record.created)
-    examples, groups = run.arrays("examples"), run.arrays("truth")["group"]
-    frames = {
-        str(groups[row]): image
-        for row, image in zip(examples["index"], examples["images"], strict=True)
-    }
-    return case_frames_figure(frames, axes, title="Hard cases: the first frame of each")
+    _show(result, out, json_file)
 
 
 def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
@@ -305,5 +261,5 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
         terminal.say(remark)
     if out is not None:
         terminal.say(f"picture: {made.save(out)}")
-    save_json(json_file, shown.rows if shown.document is None else shown.document)
+    save_json(json_file, shown.rows)
     return terminal

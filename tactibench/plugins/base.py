@@ -238,13 +238,6 @@ class Model(ABC):
         """
         return None
 
-    def features(self, frame: Frame) -> Mapping[str, npt.NDArray[Any]]:  # noqa: ARG002
-        """Return the (C, H, W) finite activations of every layer for one frame; a run draws them.
-
-        Keys are names of layers, in the order of the forward pass. Default: none.
-        """
-        return {}
-
 
 @dataclass(frozen=True)
 class SensorContext:

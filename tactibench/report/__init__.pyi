@@ -20,16 +20,12 @@ from .comparisons import print_comparisons as print_comparisons
 from .comparisons import print_sweep as print_sweep
 from .curve_plots import LEARNING as LEARNING
 from .curve_plots import NEW_SENSOR as NEW_SENSOR
-from .curve_plots import case_frames_figure as case_frames_figure
 from .curve_plots import curve_figure as curve_figure
-from .curve_plots import doubling_figure as doubling_figure
-from .curve_plots import share_of_cases as share_of_cases
 from .curve_plots import stability_figure as stability_figure
 from .distance_plot import Series as Series
 from .distance_plot import by_distance as by_distance
 from .distance_plot import distance_figure as distance_figure
 from .distance_plot import distance_series as distance_series
-from .distance_plot import logistic_fit as logistic_fit
 from .frame_plots import FrameExample as FrameExample
 from .frame_plots import Prediction as Prediction
 from .frame_plots import extent as extent
@@ -39,7 +35,7 @@ from .frame_plots import single_figure as single_figure
 from .frame_plots import triple_figure as triple_figure
 from .frame_plots import worst_frames_figure as worst_frames_figure
 from .frontier_plot import frontier_figure as frontier_figure
-from .frontier_plot import off_nominal as off_nominal
+from .frontier_plot import unseen_frontiers as unseen_frontiers
 from .html_report import AUTO as AUTO
 from .html_report import BOARD as BOARD
 from .html_report import BOTH as BOTH
@@ -102,7 +98,6 @@ from .style import new_figure as new_figure
 from .style import plain as plain
 from .style import row_looks as row_looks
 from .style import save_png as save_png
-from .style import spread as spread
 from .tables import Caption as Caption
 from .tables import Cell as Cell
 from .tables import Column as Column

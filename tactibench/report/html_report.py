@@ -241,8 +241,7 @@ def site_pages(data: ReportData, *, advance: Advance = lambda _: None) -> Iterat
 def _chapter(board: ReportBoard, advance: Advance) -> Chapter:
     advance(board.name)
     page = board.page
-    sections = [part.section for part in page.sections]
-    figures = tuple(panels(part, board, sections) for part in page.sections)
+    figures = tuple(panels(part, board) for part in page.sections)
     rows = [row for part in page.sections for row in part.rows]
     lacking = board.protocol.spec.answer == "contacts" and not any(
         row.first.name in board.runs for row in rows

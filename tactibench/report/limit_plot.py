@@ -10,10 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from tactibench.board import (
     LimitMaps,
@@ -29,27 +26,19 @@ from tactibench.frames import D_PRIME, FALSELY_SEEN, SEEN
 from tactibench.plugins import PluginHost, Sensor, SensorContext, SensorSpec, Value
 from tactibench.report.frame_plots import extent, millimetres
 from tactibench.report.plot_data import PlotData
-from tactibench.report.style import GREY, HEAT, headline, in_own_style, log_ticks, new_figure
+from tactibench.report.style import HEAT, headline, in_own_style, new_figure
 from tactibench.report.tables import Cell, Column, Head, Number, Table, table
 from tactibench.run import Reporter
 
 MOST_CELLS = 101
 """Most cells along one side of the map: a finer map takes minutes and shows nothing more."""
+LETTERS_AN_INCH = 12
 SPACING_MM = 7.0
 """Spacing of two tips where none is given."""
 QUANTILES: tuple[Head, ...] = (
     *("middle", "median", "90 %", "worst", "at x, y mm"),
     Column("presses"),
 )
-UNBOUNDED = "#FFFFFF"
-HATCH = "////"
-MICRO = 1000.0
-WIDE = 4.0
-"""Ratio of the largest to the smallest bound above which a panel's scale is logarithmic."""
-LETTERS_AN_INCH = 12
-TITLE = "Cramer-Rao bound: smallest standard deviation"
-FINE_MM = 0.1
-"""A panel whose largest bound is below this is shown in micrometres."""
 
 
 def limit_data(
@@ -96,8 +85,6 @@ def limit_data(
     for quantity, value in [*lengths, *(("depth", depth) for depth in depths)]:
         if not (value > 0 and math.isfinite(value)):
             raise UserError(f"{quantity} {value:g} mm is not above 0; take a positive number.")
-    if not (reach >= 0 and math.isfinite(reach) and math.isfinite(turn)):
-        raise UserError("the range must not be below 0 mm, and the yaw must be finite.")
     spec = PluginHost().sensors[name]
     settings = spec.settings(dict(params))
     sensor = _sensor(spec, settings)
@@ -111,30 +98,12 @@ def limit_data(
     label = f"{spec.name}({','.join(other)})" if other else spec.name
     subject = f"{spec.origin} sensor {label}, {_description(request)}"
 
-    rows = limit_rows(maps)
-    identity = {"name": spec.name, "origin": spec.origin, "parameters": dict(settings)}
     tables, remarks = [limit_table(maps)], [*limit_remarks(maps)]
     if maps.spacings is not None:
         tables.append(spacing_table(maps))
         remarks += spacing_remarks(maps)
-    return PlotData(
-        title="",
-        subject=subject,
-        tables=tuple(tables),
-        rows=rows,
-        draw=partial(limit_figure, maps, measured_on=subject),
-        remarks=tuple(remarks),
-        document={
-            "sensor": {**identity, "description": sensor.describe()},
-            **_json(request),
-            "metrics": rows,
-            "maps_mm": {
-                quantity: _nested(maps.values[:, q])
-                for q, quantity in enumerate(request.quantities)
-            },
-            **_spacings(maps),
-        },
-    )
+    draw = partial(limit_figure, maps, measured_on=subject)
+    return PlotData("", subject, tuple(tables), limit_rows(maps), draw, tuple(remarks))
 
 
 def _sensor(spec: SensorSpec, values: Mapping[str, Value]) -> Sensor:
@@ -187,41 +156,6 @@ def _description(request: LimitRequest) -> str:
         f"{tips}, x, y within ±{edge:g} mm by {request.grid.pitch:g} mm; unknown besides "
         f"the contacts: {unknown}"
     )
-
-
-def _json(request: LimitRequest) -> dict[str, Any]:
-    x, y = request.grid.axes()
-    return {
-        "scene": {
-            "indenter": request.indenter.name,
-            "radius_mm": request.indenter.radius,
-            "offsets_mm": request.indenter.offsets,
-            "yaw_deg": request.yaw,
-        },
-        "workspace": {
-            "x_mm": [round(v, 9) for v in x.tolist()],
-            "y_mm": [round(v, 9) for v in y.tolist()],
-            "depth_mm": list(request.depths),
-        },
-        "nuisances": list(request.nuisances),
-    }
-
-
-def _spacings(maps: LimitMaps) -> dict[str, Any]:
-    """Return the spacings from which two tips differ from one, with their places; or {}."""
-    if maps.spacings is None:
-        return {}
-    x, y = (axis.round(9).tolist() for axis in maps.request.coarse.axes())
-    return {"two_from_one": {"x_mm": x, "y_mm": y, "spacing_mm": _nested(maps.spacings)}}
-
-
-def _nested(layers: Any) -> list[Any]:
-    """Return layers as [depth][row][column]; "inf" without a bound, null for a refused press."""
-
-    def cell(value: float) -> float | str | None:
-        return "inf" if math.isinf(value) else None if math.isnan(value) else value
-
-    return [[[cell(v) for v in row] for row in layer] for layer in layers.tolist()]
 
 
 def limit_table(maps: LimitMaps) -> Table:
@@ -293,15 +227,13 @@ def spacing_remarks(maps: LimitMaps) -> Iterator[str]:
 
 
 @in_own_style
-def limit_figure(maps: LimitMaps, *, title: str = TITLE, measured_on: str = "") -> Figure:
+def limit_figure(maps: LimitMaps, *, measured_on: str = "") -> Figure:
     """Draw one panel per depth (rows) and quantity (columns), each with its own colour scale.
 
-    Bounds are standard deviations (sd), um, or mm where they reach 0.1 mm. Cells without a bound
-    are hatched, cells that the sensor refuses are empty.
+    Cells without a bound, and those that the sensor refuses, are empty.
 
     Args:
         maps: Limits over the workspace.
-        title: Title of the picture.
         measured_on: Printed as subtitle.
     """
     request = maps.request
@@ -311,72 +243,16 @@ def limit_figure(maps: LimitMaps, *, title: str = TITLE, measured_on: str = "") 
     for d, depth in enumerate(request.depths):
         for q, quantity in enumerate(request.quantities):
             axes: Axes = panels[d, q]
-            image, unit = _show_map(axes, maps, maps.values[d, q])
+            micro = np.ma.masked_invalid(1000 * maps.values[d, q])
+            shown = axes.imshow(micro, cmap=HEAT, extent=extent(request.grid))
             axes.set_title(f"{quantity}, depth {depth:g} mm", fontsize=9)
             millimetres(axes, request.grid)
-            axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-            axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
             axes.label_outer()
             axes.tick_params(labelsize=8)
-            if image is not None:
-                bar = figure.colorbar(image, ax=axes, shrink=0.9, pad=0.03)
-                bar.set_label(f"sd of {quantity}, {unit}", fontsize=8)
-                if isinstance(image.norm, LogNorm):
-                    log_ticks(bar.ax.yaxis)
-                else:
-                    bar.ax.yaxis.set_major_locator(MaxNLocator(5))
-                bar.ax.tick_params(labelsize=8)
-    marks = _legend(maps)
-    if marks:
-        figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
-    headline(figure, title, fill(measured_on, round(LETTERS_AN_INCH * figure.get_figwidth())))
+            if micro.count():
+                label = f"sd of {quantity}, \N{MICRO SIGN}m"
+                figure.colorbar(shown, ax=axes, shrink=0.9, pad=0.03, label=label)
+    empty = "" if np.isfinite(maps.values).all() else "empty: no bound, or outside the reach"
+    details = fill("; ".join(filter(None, (measured_on, empty))), LETTERS_AN_INCH * 3 * columns)
+    headline(figure, "Cramer-Rao bound: smallest standard deviation", details)
     return figure
-
-
-def _show_map(axes: Axes, maps: LimitMaps, layer: Any) -> tuple[Any, str]:
-    """Draw one map and return its image with its unit; None and "" where no cell has a bound."""
-    finite = np.isfinite(layer)
-    left, right, bottom, top = extent(maps.request.grid)
-    if np.isinf(layer).any():
-        x = np.linspace(left, right, layer.shape[1] + 1)
-        y = np.linspace(top, bottom, layer.shape[0] + 1)
-        cells = np.ma.masked_where(~np.isinf(layer), np.ones(layer.shape))
-        axes.pcolor(
-            x, y, cells, cmap=ListedColormap([UNBOUNDED]), edgecolor=GREY, hatch=HATCH, linewidth=0
-        )
-    if not finite.any():
-        return None, ""
-    fine = layer[finite].max() < FINE_MM
-    shown = np.ma.masked_where(~finite, layer * (MICRO if fine else 1.0))
-    low, high = float(shown.min()), float(shown.max())
-    if high < low * 1.001:  # one colour rather than a picture of rounding errors
-        low, high = low * 0.95, high * 1.05
-    scale = LogNorm(low, high) if high > WIDE * low else Normalize(low, high)
-    image = axes.imshow(
-        shown, cmap=HEAT, norm=scale, interpolation="nearest", extent=(left, right, bottom, top)
-    )
-    return image, "\N{MICRO SIGN}m" if fine else "mm"
-
-
-def _legend(maps: LimitMaps) -> list[Patch]:
-    patches = []
-    if np.isinf(maps.values).any():
-        patches.append(
-            Patch(
-                facecolor=UNBOUNDED,
-                edgecolor=GREY,
-                hatch=HATCH,
-                linewidth=0,
-                label="no bound: a tip leaves no trace",
-            )
-        )
-    if np.isnan(maps.values).any():
-        patches.append(
-            Patch(
-                facecolor="white",
-                edgecolor=GREY,
-                linewidth=0.5,
-                label="empty: outside what the sensor can press",
-            )
-        )
-    return patches

@@ -28,7 +28,6 @@ from tactibench.board import (
     new_sensor_curves,
     ordered,
     ranking_error,
-    sections_of,
     select_section,
     settled,
     whole,
@@ -40,10 +39,9 @@ from tactibench.report.curve_plots import (
     LEARNING,
     NEW_SENSOR,
     curve_figure,
-    doubling_figure,
     stability_figure,
 )
-from tactibench.report.frontier_plot import frontier_figure, off_nominal
+from tactibench.report.frontier_plot import frontier_figure, unseen_frontiers
 from tactibench.report.labels import Format, fixed, plural, significant
 from tactibench.report.style import CURVES
 from tactibench.report.tables import Cell, Column, Head, Number, Table, metric_number, table
@@ -67,8 +65,6 @@ class PlotData:
         remarks: Sentences on how to read the numbers, and what they leave out.
         rows: The numbers, one mapping a point.
         draw: Draws the figure.
-        draw_detail: Draws the curves behind a heat map; None where there is no such figure.
-        document: JSON values for ``--json``; None: the rows.
     """
 
     title: str
@@ -77,8 +73,6 @@ class PlotData:
     rows: JsonRows = field(repr=False)
     draw: Callable[[], Figure] = field(repr=False)
     remarks: tuple[str, ...] = ()
-    draw_detail: Callable[[], Figure] | None = field(default=None, repr=False)
-    document: dict[str, Any] | None = field(default=None, repr=False)
 
 
 def frontier_data(
@@ -114,9 +108,8 @@ def frontier_data(
         remarks.append(f"Left out: {plural(hidden, 'run')} on other sensors.")
 
     def draw() -> Figure:
-        everywhere = sections_of(whole(all_records(protocol, board, runs)))
-        other = off_nominal(protocol, section, everywhere, regimes)
-        return frontier_figure(regimes, error, off_nominal=other, measured_on=subject)
+        unseen = unseen_frontiers(protocol, section, regimes)
+        return frontier_figure(regimes, error, unseen=unseen, measured_on=subject)
 
     return PlotData(
         f"Speed against {error.name}",
@@ -311,17 +304,9 @@ def stability_data(
         subject,
         (doubling_table(chosen, axes),),
         rows,
-        partial(doubling_figure, chosen, axes, measured_on=subject),
-        draw_detail=partial(_draw_cases, chosen, axes, subject),
+        partial(stability_figure, chosen[:CURVES], axes, measured_on=subject),
+        () if len(chosen) <= CURVES else (f"The picture shows the first {CURVES} rows.",),
     )
-
-
-def _draw_cases(rows: Sequence[Row], axes: Sequence[Axis], subject: str) -> Figure:
-    if len(rows) > CURVES:
-        raise UserError(
-            f"{len(rows)} rows are too many for one panel; name at most {CURVES} with --rows LABEL."
-        )
-    return stability_figure(rows, axes, measured_on=subject)
 
 
 def _stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> Iterator[dict[str, Any]]:

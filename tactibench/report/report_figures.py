@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactibench.board import Frontier, Row, Section, frontiers, machine
+from tactibench.board import Row, frontiers, machine
 from tactibench.errors import UserError
 from tactibench.metrics import Trials, gospa_per_frame
 from tactibench.protocols import board_spec
 from tactibench.report.board_pages import PageSection, machine_words
-from tactibench.report.curve_plots import LEARNING, curve_figure, doubling_figure, stability_figure
+from tactibench.report.curve_plots import LEARNING, curve_figure, stability_figure
 from tactibench.report.distance_plot import distance_figure, distance_series
 from tactibench.report.frame_plots import worst_frames_figure
-from tactibench.report.frontier_plot import frontier_figure, off_nominal
+from tactibench.report.frontier_plot import frontier_figure, unseen_frontiers
 from tactibench.report.plot_data import frontier_table
 from tactibench.report.run_pictures import RunArrays
 from tactibench.report.style import CURVES, image_bytes
@@ -28,16 +28,12 @@ from tactibench.report.tables import Table
 if TYPE_CHECKING:
     from tactibench.report.html_report import ReportBoard
 
-COLUMNS = 10
-"""Most models beside each other in a heat map."""
 WORST_ROWS, WORST = 8, 3
 """Most rows whose worst frames are shown, the best first, and number of frames of each."""
 PAGE_DPI = 100
 MOST_PICTURES = 3
 """Most pictures of one kind and sensor. Where they cannot hold all rows, one picture of the best is
 drawn: a picture takes a second or more, and nobody compares hundreds by eye."""
-MOST_POINTS = 24
-"""Most points beside the line of a frontier that can still be told apart."""
 T = TypeVar("T")
 
 
@@ -75,35 +71,31 @@ class Panel:
     ask: str = "rows"
 
 
-def panels(part: PageSection, board: ReportBoard, sections: Sequence[Section] = ()) -> list[Panel]:
+def panels(part: PageSection, board: ReportBoard) -> list[Panel]:
     """Return the figures of one sensor.
 
     Args:
         part: Tables of the sensor.
         board: Board of the section.
-        sections: All sections of the board.
     """
-    return [panel for panel in _all_panels(part, board, sections) if panel.options]
+    return [panel for panel in _all_panels(part, board) if panel.options]
 
 
-def _all_panels(
-    part: PageSection, board: ReportBoard, sections: Sequence[Section]
-) -> Iterator[Panel]:
+def _all_panels(part: PageSection, board: ReportBoard) -> Iterator[Panel]:
     rows = [row for row in part.rows if not row.trivial]
     error, axes, where = board_spec(board.name).ranking, board.protocol.spec.axes, part.title
     caption = (
-        "Bars: 95 % over presses, of all seeds. Off-nominal: the same models where the sensor is "
-        "not the nominal one."
+        "Bars: 95 % over presses, of all seeds. Beside them the same models on sensors that no "
+        "training saw."
     )
-    yield Panel("Speed against error", caption, _frontiers(part, board, sections), "timed on")
+    yield Panel("Speed against error", caption, _frontiers(part, board), "timed on")
     series = [line for line in map(distance_series, rows) if len(line.resolved) > 1]
     yield Panel(
         "Error against distance",
         "Means over seeds; bars: 95 % over presses. Hollow: less than half of the pairs were "
         "resolved, so that the error is one of few. Dashed lines: published means over all "
         "distances, of another sensor and other presses. Below: share of pairs resolved (exactly "
-        "two contacts predicted, both matched), and the logistic fit behind the threshold; where "
-        "no fit crosses 75 % at any tested distance, the points are joined instead.",
+        "two contacts predicted, both matched); the large mark is the threshold.",
         _options(series, partial(distance_figure, published=board.published, measured_on=where)),
     )
     if error is not None:
@@ -111,15 +103,6 @@ def _all_panels(
         draw = partial(curve_figure, error=error, caption=untitled, measured_on=where)
         yield Panel("Learning curve", "Bars: 95 % over presses.", _options(part.curves, draw))
     if axes:
-        yield Panel(
-            "Where the error doubles",
-            "Value at which the error is twice that of the easy case; the name of a family says "
-            "from where to where its cases go. Dark: doubled early. n/a: the easy case costs more "
-            "than half the gate already. A model with a small error doubles it early.",
-            _options(
-                rows, partial(doubling_figure, axes=axes, title="", measured_on=where), size=COLUMNS
-            ),
-        )
         yield Panel(
             "Error case by case",
             "Every panel is a family, from the easy case on the left to the hardest on the right. "
@@ -160,9 +143,7 @@ def _options(
     return tuple(options)
 
 
-def _frontiers(
-    part: PageSection, board: ReportBoard, sections: Sequence[Section]
-) -> tuple[Option, ...]:
+def _frontiers(part: PageSection, board: ReportBoard) -> tuple[Option, ...]:
     """Return a picture for every machine that timed rows."""
     error = board_spec(board.name).ranking
     rows, options = [row for row in part.rows if not row.trivial], []
@@ -174,20 +155,11 @@ def _frontiers(
             words = f"{machine_words(regimes[0].points[0].row.first)} ({name})"
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            other = off_nominal(board.name, part.section, sections, regimes)
-            drawn = [_less_crowded(regime) for regime in regimes]
-            figure = frontier_figure(drawn, error, off_nominal=other, title="")
+            unseen = unseen_frontiers(board.name, part.section, regimes)
+            figure = frontier_figure(regimes, error, unseen=unseen, title="")
             tables = tuple(frontier_table(regime, error) for regime in regimes)
             options.append(Option(words, _image(figure), tables, note))
     return tuple(options)
-
-
-def _less_crowded(regime: Frontier) -> Frontier:
-    """Return the frontier with the points on its line and the best other points."""
-    others = [point for point in regime.points if point not in regime.best]
-    others.sort(key=lambda point: point.error.value)
-    labels = {point.label for point in (*regime.best, *others[:MOST_POINTS])}
-    return replace(regime, points=tuple(p for p in regime.points if p.label in labels))
 
 
 def _worst_frames(rows: Sequence[Row], board: ReportBoard) -> Iterator[Option]:

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Literal, ParamSpec
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -200,24 +199,3 @@ def error_bars(
     down = [v - (v if low is None else low) for v, low in zip(values, lows, strict=True)]
     up = [(v if high is None else high) - v for v, high in zip(values, highs, strict=True)]
     return [down, up]
-
-
-def spread(positions: list[float], least: float) -> list[float]:
-    """Return positions moved apart, in their order, until neighbours differ by at least ``least``.
-
-    The middle of a group that had to be moved stays where it was.
-    """
-    order = np.argsort(positions, kind="stable")
-    blocks: list[tuple[list[float], int]] = []  # starts asked for, size
-    for start in np.asarray(positions, dtype=np.float64)[order]:
-        starts, size = [float(start)], 1
-        while blocks and np.mean(blocks[-1][0]) + blocks[-1][1] * least > np.mean(starts):
-            before, count = blocks.pop()
-            starts = before + [s - count * least for s in starts]
-            size += count
-        blocks.append((starts, size))
-    moved = [float(np.mean(starts)) + k * least for starts, size in blocks for k in range(size)]
-    out = [0.0] * len(positions)
-    for place, value in zip(order, moved, strict=True):
-        out[place] = value
-    return out

@@ -3,7 +3,6 @@
 from .components import describe_target as describe_target
 from .components import resolve_components as resolve_components
 from .components import resolve_test_sensor as resolve_test_sensor
-from .evaluation import CHANNELS as CHANNELS
 from .evaluation import EXAMPLES as EXAMPLES
 from .evaluation import FAILURE_COLUMNS as FAILURE_COLUMNS
 from .evaluation import LONGEST_CAUSE as LONGEST_CAUSE
@@ -15,11 +14,9 @@ from .evaluation import count_groups as count_groups
 from .evaluation import example_arrays as example_arrays
 from .evaluation import failure_arrays as failure_arrays
 from .evaluation import failures_record as failures_record
-from .evaluation import pack_features as pack_features
 from .evaluation import predict_or_fail as predict_or_fail
 from .evaluation import repeat as repeat
 from .evaluation import truth_arrays as truth_arrays
-from .evaluation import unpack_features as unpack_features
 from .execution import execute as execute
 from .execution import target_record as target_record
 from .machine import all_threads as all_threads

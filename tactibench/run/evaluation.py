@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from tactibench.channels import holds_channels
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
@@ -35,7 +34,6 @@ from tactibench.run.predict import (
     BadAnswerError,
     HeatMaps,
     Predictions,
-    blinded,
     predict_frames,
 )
 from tactibench.run.reporter import Reporter, open_frames
@@ -43,10 +41,6 @@ from tactibench.run.timing import Speed, time_model
 
 EXAMPLES = 24
 """Test frames that stay with a run: enough for its pictures."""
-CHANNELS = 6
-"""Channels of a layer that are stored: those that vary most over the frame."""
-FEATURE = "feature."
-"""Begins the names of arrays of features."""
 Row = TypeVar("Row")
 DEEPEST = 1.5
 """Depths up to this multiple of the deepest press are accepted: a tip may end a little deeper than
@@ -150,7 +144,7 @@ class Evaluation:
     def examples(self) -> Arrays:
         """Return a few frames that stay with the run, for its pictures."""
         count = self.test.main_frames
-        return example_arrays(self.test.frames[:count], self.test.truth[:count], self.model)
+        return example_arrays(self.test.frames[:count])
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
         """Return the entries that the record has for this test beyond its metrics."""
@@ -171,27 +165,15 @@ def truth_arrays(
     return {**pack(answers, kind), "press": np.array(clusters), "group": np.array(groups)}
 
 
-def example_arrays(
-    frames: Sequence[Frame],
-    truth: Sequence[Answer],
-    model: Model | None,
-    rows: Sequence[int] | None = None,
-) -> Arrays:
-    """Return frames of a test, and the features of the model's layers for one of them.
+def example_arrays(frames: Sequence[Frame], rows: Sequence[int] | None = None) -> Arrays:
+    """Return frames of a test.
 
     Args:
         frames: Frames of the whole test.
-        truth: True answer to every frame.
-        model: Model whose features are stored, if it shows them; None for no features.
         rows: Rows of the frames that are stored; None: rows spread over all frames.
 
     Returns:
-        index (E,) and images or channels (E, ...). With features also features_row (), the first
-        frame with the most contacts, and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W)
-        float16.
-
-    Raises:
-        UserError: The features of a layer are no finite (C, H, W) array.
+        index (E,) and images or channels (E, ...).
     """
     rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
     name = "channels" if holds_channels(frames) else "images"
@@ -199,52 +181,7 @@ def example_arrays(
         "index": np.array(rows, dtype=np.int64),
         name: np.stack([frames[row].signal for row in rows]),
     }
-    if model is not None:
-        row = max(rows, key=lambda row: (_contacts(truth[row]), -row))
-        if features := model.features(blinded(frames[row])):
-            arrays["features_row"] = np.array(row, dtype=np.int64)
-            arrays |= pack_features(features)
     return arrays
-
-
-def pack_features(features: Mapping[str, npt.NDArray[Any]]) -> Arrays:
-    """Return the channels of every layer that vary most, in the layers' order.
-
-    Args:
-        features: Name of a layer -> (C, H, W) values.
-
-    Returns:
-        ``feature.<number>.<channels>.<layer>`` -> (<= 6, H, W) float16.
-
-    Raises:
-        UserError: The features of a layer are no finite (C, H, W) array.
-    """
-    arrays = {}
-    for k, (name, values) in enumerate(features.items()):
-        if values.ndim != 3 or not np.isfinite(values).all():
-            raise UserError(
-                f"the model shows features {name!r} of shape {values.shape}; they must be finite "
-                "and of shape (channels, rows, columns): fix the model."
-            )
-        varied = np.argsort(-values.std(axis=(1, 2)), kind="stable")[:CHANNELS]
-        arrays[f"{FEATURE}{k:03d}.{len(values)}.{name}"] = values[varied].astype(np.float16)
-    return arrays
-
-
-def unpack_features(arrays: Arrays) -> list[tuple[str, int, npt.NDArray[Any]]]:
-    """Return name, number of channels and stored channels (<= 6, H, W) of every layer.
-
-    This undoes ``pack_features``.
-    """
-    features = []
-    for key in sorted(name for name in arrays if name.startswith(FEATURE)):
-        _, _, channels, name = key.split(".", 3)
-        features.append((name, int(channels), arrays[key].astype(np.float64)))
-    return features
-
-
-def _contacts(answer: Answer) -> int:
-    return len(answer) if isinstance(answer, Contacts) else 1
 
 
 class AdaptedEvaluation(Evaluation):
@@ -471,7 +408,7 @@ class HardCaseEvaluation(Evaluation):
     def examples(self) -> Arrays:
         """Return the first frame of every case."""
         first = {group: row for row, group in reversed(list(enumerate(self.test.groups)))}
-        return example_arrays(self.test.frames, self.test.truth, None, sorted(first.values()))
+        return example_arrays(self.test.frames, sorted(first.values()))
 
     def record(self, predictions: Predictions) -> dict[str, Any]:
         """Return the number of frames on which the model failed, and the causes."""

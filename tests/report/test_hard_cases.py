@@ -6,7 +6,6 @@ import io
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -16,13 +15,9 @@ from tactibench.protocols import board_spec, load_protocol
 from tactibench.records import Cause, Failures, Metric, Record
 from tactibench.report import (
     board_page,
-    case_frames_figure,
-    doubling_figure,
     doubling_number,
     doubling_table,
-    image_bytes,
     print_run,
-    share_of_cases,
     stability_figure,
 )
 
@@ -141,13 +136,6 @@ def test_many_models_are_compared_without_intervals(fabricate: Any) -> None:
     assert [str(cell) for cell in shown] == ["0.5 [0.45, 0.55]", "0.5"]
 
 
-def test_the_same_rows_give_the_same_picture(fabricate: Any) -> None:
-    some = [axis for axis in AXES if axis.family in {"grazing", "deep", "individual"}]
-    rows = rows_of([record(fabricate, f"model{k}", scale=1 + k) for k in range(9)])
-    pictures = [image_bytes(stability_figure(rows, some), "png", 60) for _ in range(2)]
-    assert pictures[0] == pictures[1]
-
-
 def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any) -> None:
     made = record(fabricate)
     for row in made.metrics:
@@ -159,48 +147,3 @@ def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any) -> None:
     figure = stability_figure(rows_of([made]), some)
     points = [len(axes.containers[0][0].get_xdata()) for axes in figure.axes[:2]]  # type: ignore[index]
     assert max(points) <= 1  # the easy case alone, which belongs to another family
-
-
-def test_a_heat_map_has_a_cell_for_every_family_and_model(fabricate: Any) -> None:
-    rows = rows_of([record(fabricate), record(fabricate, "vgnn", doubles={"grazing": 0.1})])
-    panel = doubling_figure(rows, AXES).axes[0]
-    ordered = [axis for axis in AXES if axis.ordered]
-    assert len(panel.patches) == len(ordered) * len(rows)
-    shown = [text.get_text() for text in panel.texts]
-    assert shown.count("> 6.5") == len(rows)
-    assert "0.1" in shown
-    assert "n/a" not in shown
-
-
-def test_a_cell_without_a_value_stays_white_and_says_so(fabricate: Any) -> None:
-    made = record(fabricate)
-    made.metrics = [m for m in made.metrics if (m.metric, m.group) != ("doubles_at", "grazing")]
-    some = [axis for axis in AXES if axis.family in {"grazing", "deep"}]
-    panel = doubling_figure(rows_of([made]), some).axes[0]
-    assert len(panel.patches) == 1
-    assert "n/a" in [text.get_text() for text in panel.texts]
-
-
-@pytest.mark.parametrize(
-    ("value", "share"), [(2, 0), (0.5, 0.2), (0.4, 0.3), (0.3, 0.4), (0.05, 1)]
-)
-def test_colour_is_the_place_along_the_cases_where_values_fall(
-    fabricate: Any, value: float, share: float
-) -> None:
-    (row,) = rows_of([record(fabricate, doubles={"grazing": value})])
-    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "grazing")
-    assert share_of_cases(family) == pytest.approx(share)
-
-
-def test_an_error_that_never_doubles_is_at_the_end(fabricate: Any) -> None:
-    (row,) = rows_of([record(fabricate)])
-    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "deep")
-    assert share_of_cases(family) == 1
-
-
-def test_frames_of_the_cases_are_drawn_where_there_are_any() -> None:
-    image = np.full((32, 32), 90, np.uint8)
-    frames = {group: image for axis in AXES[:4] for group in axis.groups}
-    figure = case_frames_figure({**frames, "plain:0": image}, AXES[:8], title="cases")
-    drawn = {axes.get_title() for axes in figure.axes if axes.images}
-    assert {f"{value:g}" for axis in AXES[:1] for value in axis.values} <= drawn

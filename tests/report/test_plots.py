@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import os
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from report_material import DISTANCES, exp2_metrics
-from scipy.optimize import minimize
+from report_material import exp2_metrics
 
 from tactibench.board import (
     Curve,
@@ -33,33 +28,27 @@ from tactibench.board import (
     sections_of,
 )
 from tactibench.contacts import Contacts, Grid
-from tactibench.metrics import fit_threshold
-from tactibench.protocols import load_published, published_means
-from tactibench.records import Metric, Record
+from tactibench.protocols import load_published
+from tactibench.records import Metric
 from tactibench.report import (
     MODELS,
     NEW_SENSOR,
     FrameExample,
     Prediction,
-    Series,
     by_distance,
     curve_figure,
     distance_figure,
     distance_series,
-    extent,
     frame_figure,
     frontier_figure,
     frontier_table,
-    histogram_edge,
     image_bytes,
-    logistic_fit,
     model_look,
-    off_nominal,
     row_looks,
     save_png,
     single_figure,
-    spread,
     triple_figure,
+    unseen_frontiers,
     worst_frames_figure,
 )
 
@@ -172,14 +161,13 @@ def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabri
     rows = [distance_row(fabricate, 0.6), distance_row(fabricate, None, "cnn")]
     figure = distance_figure([distance_series(row) for row in rows], published=TABLES)
     errors, shares = figure.axes
-    lines = {str(line.get_label()): line for line in errors.lines}
-    assert list(lines[rows[0].label].get_ydata()) == [0.6] * 3
-    assert f"{rows[1].label}: no pair resolved" in lines
+    drawn, none = errors.containers
+    assert drawn.get_label() == rows[0].label
+    assert list(drawn[0].get_ydata()) == [0.6] * 3
+    assert none.get_label() == f"{rows[1].label}: no pair resolved"
     assert {1.214, 0.383} <= {float(line.get_ydata()[0]) for line in filled(errors)}
-    assert [text.get_text() for text in errors.texts] == [
-        "U-Net (single) 1.214 mm\nhardware, published",
-        "U-Net (multiple) 0.383 mm\nhardware, published",
-    ]
+    labels = errors.get_legend_handles_labels()[1]
+    assert "U-Net (single), 1.214 mm: hardware, published" in labels
     values = [
         list(line.get_ydata())
         for line in shares.lines
@@ -191,17 +179,6 @@ def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabri
     assert "hollow: less than half resolved" in figure.get_suptitle()
 
 
-@pytest.mark.parametrize("distances", [(2.0, 3.5, 6.5), (6.5, 9.0, 12.0)])
-def test_the_distance_axis_fits_the_distances_of_its_protocol(distances: tuple[float, ...]) -> None:
-    table = np.array([[d, 0.3, 0.2, 0.4] for d in distances])
-    figure = distance_figure([Series("unet", "unet", table, table)])
-    low, high = figure.axes[1].get_xlim()
-    assert distances[0] - 1 < low < distances[0]
-    assert distances[-1] < high < distances[-1] + 1
-    ticks = [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high]
-    assert ticks == [float(n) for n in range(math.ceil(low), math.floor(high) + 1)]
-
-
 def test_values_by_distance_are_sorted_and_missing_ends_draw_no_bar(fabricate: Any) -> None:
     table = by_distance(distance_row(fabricate, 0.6), "resolved")
     assert table[:, 0].tolist() == [6.5, 9.0, 12.0]
@@ -209,52 +186,14 @@ def test_values_by_distance_are_sorted_and_missing_ends_draw_no_bar(fabricate: A
     assert by_distance(distance_row(fabricate, None), "distance_mae_mm").shape == (0, 4)
 
 
-def test_published_means_come_from_the_tables() -> None:
-    assert published_means(TABLES) == [("U-Net (single)", 1.214), ("U-Net (multiple)", 0.383)]
-    assert published_means([]) == []
-
-
-def test_the_fit_is_the_most_likely_logistic_through_the_threshold(fabricate: Any) -> None:
-    rng = np.random.default_rng(3)
-    distance = np.repeat([float(d) for d in DISTANCES], 60)
-    hits = (rng.random(len(distance)) < 1 / (1 + np.exp(-(1.4 * (distance - 8.2))))).astype(float)
-    estimate = fit_threshold(distance, hits, np.arange(len(distance)))
-    assert estimate.censored is None
-    shares = tuple(("resolved", d, float(hits[distance == float(d)].mean())) for d in DISTANCES)
-    record = fabricate("exp2", metrics=(*shares, ("threshold_mm", "all", estimate.value)))
-    for metric in record.metrics:
-        metric.n = 60
-
-    def negative(theta: Any) -> float:  # intercept and slope, in no way the metric's parameters
-        eta = theta[0] + theta[1] * (distance - 8)
-        return float(np.logaddexp(0, -np.where(hits > 0, eta, -eta)).sum())
-
-    best = minimize(negative, [0.0, 1.0], method="BFGS").x
-    at = np.linspace(6.5, 12, 7)
-    expected = 1 / (1 + np.exp(-(best[0] + best[1] * (at - 8))))
-    np.testing.assert_allclose(logistic_fit(record, at), expected, atol=2e-4)
-
-
-def test_a_bound_instead_of_a_threshold_has_no_fit(fabricate: Any) -> None:
+def test_a_bound_instead_of_a_threshold_has_no_mark(fabricate: Any) -> None:
     record = fabricate("exp2", metrics=exp2_metrics(0.2))
-    fitted = distance_series(Row((record,)))
-    assert fitted.fit is not None
+    known = distance_series(Row((record,)))
     next(m for m in record.metrics if m.metric == "threshold_mm").censored = "<"
     bound = distance_series(Row((record,)))
-    assert bound.fit is None
-    assert logistic_fit(fabricate(), np.array([7.0])) is None
-    shares = [distance_figure([one]).axes[1] for one in (fitted, bound)]
-    marks = [sum(list(line.get_ydata()) == [75] for line in axes.lines) for axes in shares]
+    shares = [distance_figure([one]).axes[1] for one in (known, bound)]
+    marks = [sum(line.get_markersize() == 11 for line in axes.lines) for axes in shares]
     assert marks == [1, 0]
-
-
-def test_one_style_per_model_and_every_model_beside_the_truth() -> None:
-    cnn, unet, both = triple_figure(GRID, TRUTH, predictions()).axes[:3]
-    looks = [(axes.lines[0].get_marker(), axes.lines[0].get_color()) for axes in (cnn, unet)]
-    assert looks == [(line.get_marker(), line.get_color()) for line in both.lines]
-    assert looks[0][0] != looks[1][0]
-    assert cnn.get_title() == "cnn\n1 predicted, 3 true"
-    assert all(len(axes.patches) == 3 for axes in (cnn, unet, both))
 
 
 def test_contacts_are_drawn_in_millimetres_and_not_on_the_frame() -> None:
@@ -302,35 +241,6 @@ def test_a_frontier_marks_times_that_are_not_settled(fabricate: Any) -> None:
         assert marks == [number[1:] for number in numbers]
 
 
-def test_numbers_of_points_of_almost_one_place_do_not_cover_each_other(fabricate: Any) -> None:
-    crowd = ((0.071, 3.24), (0.070, 3.25), (0.069, 3.26), (0.068, 3.27))
-    places = (*crowd, (0.2, 1.1), (0.007, 5.0))
-    records = [
-        fabricate(settings={"width": 8 * k}, error=error, p90_ms=p90)
-        for k, (error, p90) in enumerate(places, 1)
-    ]
-    figure = frontier_figure(frontiers(rows_of(records), ERROR), ERROR)
-    figure.canvas.draw()
-    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
-    assert len(boxes) == len(places)
-    assert not [pair for pair in combinations(boxes, 2) if pair[0].overlaps(pair[1])]
-
-
-def test_off_nominal_panels_stand_beside_the_nominal_ones(fabricate: Any) -> None:
-    def records(**more: Any) -> list[Record]:
-        return [fabricate(settings={"width": w}, error=w / 99, **more) for w in (8, 16)]
-
-    nominal, other = sections_of([*records(), *records(sensor={"instance": 1})])
-    found = frontiers(nominal.rows, ERROR)
-    conditions = off_nominal("exp1", nominal, [nominal, other], found)
-    left, right = frontier_figure(found, ERROR, off_nominal=conditions).axes
-    assert left.get_title("left").endswith("nominal")
-    assert "off-nominal: a perturbed individual" in right.get_title("left")
-    assert left.get_ylim() == right.get_ylim()
-    assert off_nominal("exp1", other, [nominal, other], found) == []  # not the nominal sensor
-    assert off_nominal("exp1", nominal, [nominal], found) == []
-
-
 def test_sensors_that_no_training_saw_stand_beside_a_frontier(fabricate: Any) -> None:
     records = [
         fabricate(
@@ -345,10 +255,12 @@ def test_sensors_that_no_training_saw_stand_beside_a_frontier(fabricate: Any) ->
         [*records, *(fabricate(settings={"width": w}, sensor={"instance": 1}) for w in (8, 16))]
     )
     found = frontiers(nominal.rows, ERROR)
-    (condition,) = off_nominal("exp1", nominal, [nominal, other], found)
-    points = [(p.latency.value, p.error.value) for p in condition.frontiers[0].points]
+    unseen = unseen_frontiers("exp1", nominal, found)
+    assert unseen is not None
+    points = [(p.latency.value, p.error.value) for p in unseen.frontiers[0].points]
     assert points == [(8, 0.3), (16, 0.2)]
-    left, right = frontier_figure(found, ERROR, off_nominal=[condition]).axes
+    assert unseen_frontiers("exp1", other, found) is None  # not the nominal sensor
+    left, right = frontier_figure(found, ERROR, unseen=unseen).axes
     assert "8 sensors that no training saw" in right.get_title("left")
     assert "unseen" in right.get_ylabel()
     assert left.get_xlim() == right.get_xlim()
@@ -374,27 +286,6 @@ def test_none_has_a_place_on_the_axis_of_labelled_presses() -> None:
     assert places[0] + 20 < places[1] < places[2] - 20
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["0", "10", "1,000"]
     assert axes.get_xlabel() == "labelled presses of the new sensor"
-
-
-def test_the_extent_reaches_the_outer_borders_of_the_cells() -> None:
-    assert extent(GRID) == pytest.approx((-12.8, 12.8, 12.8, -12.8))
-
-
-@pytest.mark.parametrize(("scale", "edge"), [(0.0123, 0.02), (0.3, 0.3), (7.1, 8.0), (0.0, 0.1)])
-def test_histogram_edge_is_a_round_number(scale: float, edge: float) -> None:
-    assert histogram_edge(np.full((100, 3), scale)) == pytest.approx(edge)
-
-
-@given(st.lists(st.floats(0, 10), max_size=8), st.floats(0.01, 2))
-def test_spread_labels_keep_their_order_and_do_not_touch(places: list[float], least: float) -> None:
-    moved = spread(places, least)
-    order = np.argsort(places, kind="stable")
-    assert (np.diff(np.array(moved)[order]) >= least - 1e-9).all()
-    assert np.sum(moved) == pytest.approx(np.sum(places), abs=1e-6)
-
-
-def test_labels_that_stand_apart_stay() -> None:
-    assert spread([1.214, 0.383], 0.1) == [1.214, 0.383]
 
 
 HOSTILE_STYLE = """

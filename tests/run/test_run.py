@@ -23,7 +23,6 @@ from tactibench.records import (
     unscored_run,
 )
 from tactibench.run import (
-    CHANNELS,
     EXAMPLES,
     AnswerRules,
     NullReporter,
@@ -32,12 +31,10 @@ from tactibench.run import (
     example_arrays,
     execute,
     metric_differences,
-    pack_features,
     predict_frames,
     rescore,
     resumed_predictions,
     score_arrays,
-    unpack_features,
 )
 from tactibench.run import timing as speed
 
@@ -380,54 +377,15 @@ def test_a_model_with_maps_and_no_reader_is_told_to_write_one() -> None:
         predict_frames(Maps(), [frame], rules, lambda _: None)  # type: ignore[arg-type]
 
 
-class Shows(StubModel):
-    def __init__(self):
-        self.seen = []
-
-    def features(self, frame):
-        self.seen.append(frame)
-        scale = np.arange(8.0)[:, None, None]
-        return {"one": scale * np.eye(4)[None], "two. b": np.ones((2, 3, 3))}
-
-
 def frames(count):
     return [Frame(np.full((2, 2), k, np.uint8), float(k), Pose(depth=1.0)) for k in range(count)]
 
 
-def contacts(count):
-    return Contacts.truth(np.zeros((count, 2)) + np.arange(count)[:, None], np.ones(count))
-
-
 def test_frames_are_spread_over_all():
-    arrays = example_arrays(frames(100), [contacts(1)] * 100, StubModel())
+    arrays = example_arrays(frames(100))
     assert len(arrays["index"]) == EXAMPLES
     assert (arrays["images"][:, 0, 0] == arrays["index"]).all()
     assert set(arrays) == {"index", "images"}
-
-
-def test_features_are_of_the_first_frame_with_the_most_contacts_and_blind():
-    truth = [contacts(1 + (k in (3, 5))) for k in range(8)]
-    model = Shows()
-    arrays = example_arrays(frames(8), truth, model)
-    assert int(arrays["features_row"]) == 3
-    (seen,) = model.seen
-    assert (seen.image == 3).all()
-    assert seen.pose == Pose()
-    assert seen.timestamp == 0.0
-
-
-def test_the_most_varied_channels_stay_in_the_order_of_the_layers():
-    one, two = unpack_features(pack_features(Shows().features(None)))
-    assert (one[0], one[1], one[2].shape) == ("one", 8, (CHANNELS, 4, 4))
-    assert one[2].max(axis=(1, 2)).tolist() == [7, 6, 5, 4, 3, 2]
-    assert (two[0], two[1], two[2].shape) == ("two. b", 2, (2, 3, 3))
-    assert unpack_features({"index": np.zeros(1)}) == []
-
-
-@pytest.mark.parametrize("values", [np.ones((3, 3)), np.full((1, 2, 2), np.nan)])
-def test_features_that_are_no_finite_maps_are_refused(values):
-    with pytest.raises(UserError, match="must be finite and of shape"):
-        pack_features({"bad": values})
 
 
 def bounds_by_depth(self: Any, scenes: Any) -> np.ndarray:
