@@ -102,9 +102,3 @@ def test_an_example_draws_the_committed_rows(cli, example):
     pictures = [word for word in words if word.endswith(".png")]
     assert all(f"picture: {picture}" in out for picture in pictures)
     assert all(Path(picture).read_bytes().startswith(PNG) for picture in pictures)
-
-
-@pytest.mark.long
-def test_a_panel_of_more_than_six_curves_is_refused(refused):
-    given = ("plot", "stability", "stability", "--board", BOARDS, "--errors", "curves.png")
-    assert "10 rows are too many for one panel; name at most 6 with --rows" in refused(*given)
