@@ -31,7 +31,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
     return [
         EncoderSpec(
             name="hertz",
-            target="tactibench_heatmaps.hertz:HertzGaussian",
+            target="tactibench_heatmaps.encoders:HertzGaussian",
             summary="one Gaussian per contact, height d / 6 mm, width by Hertz contact radius",
             parameters=(
                 _MAX_DEPTH,
@@ -60,7 +60,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
         ),
         EncoderSpec(
             name="depth",
-            target="tactibench_heatmaps.discs:HeatAndDepth",
+            target="tactibench_heatmaps.encoders:HeatAndDepth",
             summary="a Gaussian of height 1 per contact, and depth on a map of its own",
             parameters=(
                 _MAX_DEPTH,
@@ -81,7 +81,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
         ),
         EncoderSpec(
             name="offset",
-            target="tactibench_heatmaps.discs:Offsets",
+            target="tactibench_heatmaps.encoders:Offsets",
             summary="heat, steps from every cell near a contact to it, and depth",
             parameters=(
                 _MAX_DEPTH,
@@ -94,7 +94,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
         ),
         EncoderSpec(
             name="mixture",
-            target="tactibench_heatmaps.mixture:Mixture",
+            target="tactibench_heatmaps.encoders:Mixture",
             summary="per cell a probability, place and depth of a contact with their std",
             parameters=(
                 _threshold(0.3),

@@ -377,10 +377,10 @@ class _Layout(NamedTuple):
 class Tracker:
     """A tracker of the pins of one sensor in its frames, each frame by itself.
 
-    Bright blobs are matched to the layout by growth from certain pins (modules ``growth`` and
-    ``matching``). With refinement "profile" soft discs with the profile at rest are then fitted to
-    the grey levels, all pins of a frame together (``profile_fit``). With "centroid" positions are
-    those of the blobs.
+    Bright blobs are matched to the layout by growth from certain pins (module ``matching``).
+    With refinement "profile" soft discs with the profile at rest are then fitted to the grey
+    levels, all pins of a frame together (``profile_fit``). With "centroid" positions are those of
+    the blobs.
 
     Attributes:
         rest: (P, 2) px, the pins at rest, read-only.

@@ -9,8 +9,11 @@ from .field import SENSORS_A_WAY as SENSORS_A_WAY
 from .field import Clues as Clues
 from .field import Field as Field
 from .field import FieldFamily as FieldFamily
+from .field import Solution as Solution
 from .field import contact_array as contact_array
+from .field import cost_of as cost_of
 from .field import single_press_rows as single_press_rows
+from .field import solve as solve
 from .mixing import CLOSEST_MM as CLOSEST_MM
 from .mixing import MISFIT as MISFIT
 from .mixing import MOST as MOST
@@ -21,6 +24,3 @@ from .neighbours import Residual as Residual
 from .neighbours import nominal_inverse_law as nominal_inverse_law
 from .neighbours import nominal_law as nominal_law
 from .neighbours import recombined as recombined
-from .newton import Solution as Solution
-from .newton import cost_of as cost_of
-from .newton import solve as solve

@@ -6,8 +6,10 @@ from .inference import float32_tensors as float32_tensors
 from .inference import fold_batch_norm as fold_batch_norm
 from .inference import onnx_model as onnx_model
 from .learned import LearnedModel as LearnedModel
+from .loop import Muon as Muon
 from .loop import average_weights as average_weights
 from .loop import measure_statistics as measure_statistics
+from .loop import orthogonalise as orthogonalise
 from .loop import train as train
 from .mixture import FAINT as FAINT
 from .mixture import MixtureModel as MixtureModel
@@ -21,8 +23,6 @@ from .mixture import read_mixture as read_mixture
 from .mixture import scale_std as scale_std
 from .mixture import split_calibration as split_calibration
 from .mixture import std_factors as std_factors
-from .muon import Muon as Muon
-from .muon import orthogonalise as orthogonalise
 from .recipe import RECIPES as RECIPES
 from .recipe import Recipe as Recipe
 from .recipe import Seeds as Seeds

@@ -20,7 +20,7 @@ class Recipe:
     Attributes:
         epochs: Passes over the training frames.
         batch: Frames of a step.
-        optimiser: "adam", "adamw" or "muon" (see module ``muon``).
+        optimiser: "adam", "adamw" or "muon" (see ``Muon``).
         learning_rate: The constant rate, or the peak of the one-cycle schedule.
         schedule: "constant" or "one-cycle".
         warmup: Share of all steps in which the rate of one-cycle rises.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps.discs import HeatAndDepth, Offsets
+from tactibench_heatmaps import HeatAndDepth, Offsets
 
 SMALL = Grid((11, 14), (-2.0, -1.6), 0.4)
 GRID = Grid.centred(64, 0.4)

@@ -33,8 +33,7 @@ from drawn_pins import presses
 from tactibench import Contacts, Grid, Indenter, Pose, Scene, SensorContext
 from tactibench.markers import PinTracker, pin_graph
 from tactibench.plugins.host import PluginHost
-from tactibench.superposition.field import Field
-from tactibench.superposition.newton import solve
+from tactibench.superposition import Field, solve
 
 grid = Grid.centred(64, 0.4)
 contacts = Contacts.truth([[0.0, 1.0]], [2.0])
