@@ -28,15 +28,10 @@ VGNN
 another_grid
 close_pair
 context_manager
-damaged_weights
-depth_range
 determinism
 deterministic
-every_answer
 finds_contacts
-frame_size
 input_unchanged
-known_truth
 nan_frame
 psychometric  # a key of protocol files, with one value
 pure

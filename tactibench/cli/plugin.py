@@ -165,7 +165,6 @@ def _reasons(texts: tuple[str, ...]) -> dict[str, str]:
 
 def _json_values(reports: list[Report]) -> dict[str, Any]:
     return {
-        "metrics": [row for report in reports for row in report.rows()],
         "properties": [
             {
                 "subject": report.title,

@@ -5,7 +5,6 @@ from .detection import sensitivity as sensitivity
 from .hard_cases import ospa as ospa
 from .position import AXES as AXES
 from .position import PUBLISHED_NAMES as PUBLISHED_NAMES
-from .registry import FAMILIES as FAMILIES
 from .registry import all_metrics as all_metrics
 from .registry import check_metrics as check_metrics
 from .registry import compared_metrics as compared_metrics

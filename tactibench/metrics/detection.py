@@ -19,14 +19,13 @@ from scipy.special import ndtri  # scipy.stats takes a second to import
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.spec import MetricSpec, Rows, Sample, by_kind, mean_metric, members
+from tactibench.metrics.spec import MetricSpec, Rows, Sample, mean_metric, members
 from tactibench.metrics.trials import CATCH, Trials, match
 from tactibench.stats import (
     Estimate,
     Labels,
     cluster_codes,
     effective_size,
-    positive_mean_interval,
     rate_interval,
     share_interval,
     t_quantile,
@@ -136,8 +135,6 @@ GOSPA_SPECS = tuple(
         f"mean over frames of (min sum d^{power} + c^{power}/2 (missed + spurious))"
         f"^(1/{power}), c = gate",
         partial(gospa_per_frame, power=power),
-        positive_mean_interval,
-        by_kind,
     )
     for power in (1, 2)
 )
@@ -149,7 +146,6 @@ SPECS = (
         "true contacts without a partner inside the gate / true contacts",
         missed,
         share_interval,
-        by_kind,
     ),
     mean_metric(
         "spurious",
@@ -158,7 +154,6 @@ SPECS = (
         "predictions without a partner inside the gate / frames",
         spurious,
         rate_interval,
-        by_kind,
     ),
     MetricSpec(
         "catch_resolved",

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.spec import Mask, MetricSpec, Rows, Sample, by_kind, mean_metric, members
+from tactibench.metrics.spec import Mask, MetricSpec, Rows, Sample, mean_metric, members
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
 from tactibench.protocols import UNTOUCHED, Axis, family_of
 from tactibench.stats import (
@@ -16,7 +16,6 @@ from tactibench.stats import (
     Estimate,
     doubling,
     mean_ratio,
-    positive_mean_interval,
     rate_interval,
 )
 
@@ -142,8 +141,6 @@ SPECS = (
         "c (max(n, m) - pairs)) / max(n, m); n true, m predicted contacts, c = gate, d the "
         "distance in x, y and depth",
         ospa,
-        positive_mean_interval,
-        by_kind,
     ),
     MetricSpec(
         "error_ratio",

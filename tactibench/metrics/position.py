@@ -23,7 +23,6 @@ from tactibench.metrics.spec import (
     MetricSpec,
     Rows,
     Sample,
-    by_kind,
     mean_metric,
     members,
     plate_rows,
@@ -292,35 +291,30 @@ def _by_press(sample: Sample, trials: PlateTrials) -> FloatArray:
 _FORMULA = "mean of |p - t| - |q - t| over frames that both answered, q the released answer"
 
 
+def _against_published(quantity: str, unit: str, errors: Errors) -> tuple[MetricSpec, MetricSpec]:
+    """Return the metrics of the difference in a quantity, and of its p."""
+    name = f"{quantity}_mae_minus_published"
+    return (
+        MetricSpec(
+            f"{name}_{unit}",
+            unit,
+            "lower",
+            f"{_FORMULA}; of {quantity}",
+            plates=_difference(errors),
+        ),
+        MetricSpec(
+            f"{name}_p",
+            "p",
+            "none",
+            f"two-sided sign-flip permutation p of the difference in {quantity}, whole presses",
+            plates=_p(errors),
+        ),
+    )
+
+
 PUBLISHED_SPECS = (
-    MetricSpec(
-        "depth_mae_minus_published_mm",
-        "mm",
-        "lower",
-        f"{_FORMULA}; of depth",
-        plates=_difference(plate_depth_errors),
-    ),
-    MetricSpec(
-        "depth_mae_minus_published_p",
-        "p",
-        "none",
-        "two-sided sign-flip permutation p of the difference in depth, whole presses",
-        plates=_p(plate_depth_errors),
-    ),
-    MetricSpec(
-        "tilt_mae_minus_published_deg",
-        "deg",
-        "lower",
-        f"{_FORMULA}; of tilt",
-        plates=_difference(tilt_errors),
-    ),
-    MetricSpec(
-        "tilt_mae_minus_published_p",
-        "p",
-        "none",
-        "two-sided sign-flip permutation p of the difference in tilt, whole presses",
-        plates=_p(tilt_errors),
-    ),
+    *_against_published("depth", "mm", plate_depth_errors),
+    *_against_published("tilt", "deg", tilt_errors),
 )
 PUBLISHED_NAMES = tuple(spec.name for spec in PUBLISHED_SPECS)
 """Metrics that are computed wherever there are published predictions."""
@@ -374,8 +368,6 @@ SPECS = (
         "lower",
         "mean |p_xy - t_xy| over pairs inside the gate",
         gated_distances,
-        positive_mean_interval,
-        by_kind,
     ),
     mean_metric(
         "position_ungated_mm",
@@ -383,8 +375,6 @@ SPECS = (
         "lower",
         "mean |p_xy - t_xy| over the pairs of the minimum-cost assignment without a gate",
         ungated_distances,
-        positive_mean_interval,
-        by_kind,
     ),
     mean_metric(
         "depth_mae_mm",
@@ -392,8 +382,6 @@ SPECS = (
         "lower",
         "mean |p_depth - t_depth| over pairs inside the gate; for plates over answered frames",
         depth_errors,
-        positive_mean_interval,
-        by_kind,
         plates=plate_rows(plate_depth_errors, positive_mean_interval),
         plate_sample=plate_depth_errors,
     ),
@@ -404,8 +392,6 @@ SPECS = (
         "mean |(p_i - p_j) - (t_i - t_j)| of depth "
         "over every two contacts of a frame that are both matched",
         relative_depth_errors,
-        positive_mean_interval,
-        by_kind,
     ),
     MetricSpec(
         "tilt_mae_deg",

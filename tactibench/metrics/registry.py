@@ -1,6 +1,6 @@
 """Metrics by name: their rows, and their values press by press.
 
-The module of a metric is imported when the metric is asked for.
+The modules of the metrics are imported when the first metric is asked for.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from importlib import import_module
 from types import MappingProxyType
 
@@ -22,61 +23,15 @@ from tactibench.protocols import LoadedProtocol
 from tactibench.records import Metric
 from tactibench.stats import Estimate
 
-_FAMILIES = {
-    "position": (
-        "r2",
-        "mae_mm",
-        "rmse_mm",
-        "rmse_pooled_mm",
-        "rmse_over_bound",
-        "position_mean_mm",
-        "position_ungated_mm",
-        "depth_mae_mm",
-        "relative_depth_mae_mm",
-        "tilt_mae_deg",
-        "coverage",
-        "depth_mae_minus_published_mm",
-        "depth_mae_minus_published_p",
-        "tilt_mae_minus_published_deg",
-        "tilt_mae_minus_published_p",
-    ),
-    "threshold": (
-        "distance_mae_mm",
-        "distance_penalised_mm",
-        "resolved",
-        "orientation_mae_deg",
-        "threshold_mm",
-        "threshold_lapse",
-        "threshold_deviance",
-        "threshold_freedom",
-        "threshold_p",
-        "limit_mm",
-    ),
-    "detection": ("missed", "spurious", "catch_resolved", "d_prime", "gospa1_mm", "gospa2_mm"),
-    "surface": ("surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"),
-    "uncertainty": (
-        "nll",
-        "rms_z",
-        "ellipse_50",
-        "ellipse_90",
-        "ellipse_95",
-        "std_over_bound",
-    ),
-    "hard_cases": (
-        "ospa_mm",
-        "error_ratio",
-        "worst_ratio",
-        "doubles_at",
-        "false_per_1000",
-        "not_finite",
-        "raised",
-    ),
-}
-"""Module -> names of its SPECS: a protocol asks for a few metrics and loads only their code."""
-FAMILIES: Mapping[str, str] = MappingProxyType(
-    {name: family for family, names in _FAMILIES.items() for name in names}
-)
-"""Name of every metric -> its module in ``tactibench.metrics``."""
+FAMILIES = ("position", "threshold", "detection", "surface", "uncertainty", "hard_cases")
+"""Modules of ``tactibench.metrics`` with metrics, in the order of a list of all of them."""
+
+
+@cache
+def all_metrics() -> Mapping[str, MetricSpec]:
+    """Return every metric by its name."""
+    modules = (import_module(f"tactibench.metrics.{family}") for family in FAMILIES)
+    return MappingProxyType({spec.name: spec for module in modules for spec in module.SPECS})
 
 
 def find_metric(name: str) -> MetricSpec:
@@ -85,16 +40,10 @@ def find_metric(name: str) -> MetricSpec:
     Raises:
         UserError: There is no such metric. The message names a close match.
     """
-    if name not in FAMILIES:
-        raise UserError(f"there is no metric {name!r}; {did_you_mean(name, FAMILIES)}")
-    specs = import_module(f"tactibench.metrics.{FAMILIES[name]}").SPECS
-    spec: MetricSpec = next(spec for spec in specs if spec.name == name)
-    return spec
-
-
-def all_metrics() -> dict[str, MetricSpec]:
-    """Import the code of all metrics and return every metric by its name."""
-    return {name: find_metric(name) for name in FAMILIES}
+    metrics = all_metrics()
+    if name not in metrics:
+        raise UserError(f"there is no metric {name!r}; {did_you_mean(name, metrics)}")
+    return metrics[name]
 
 
 def check_metrics(protocol: LoadedProtocol) -> None:
@@ -111,7 +60,7 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     keys = [("metrics.names", spec.metrics.names)]
     keys += [(f"metrics of test.apart {test.name!r}", test.metrics) for test in spec.test.apart]
     for key, name in ((key, name) for key, names in keys for name in names):
-        if name in FAMILIES and getattr(find_metric(name), kind) is not None:
+        if name in all_metrics() and getattr(find_metric(name), kind) is not None:
             continue
         fitting = [other for other, metric in all_metrics().items() if getattr(metric, kind)]
         raise UserError(

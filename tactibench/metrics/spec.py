@@ -19,7 +19,7 @@ import numpy.typing as npt
 from tactibench.contacts import FloatArray
 from tactibench.metrics.trials import CATCH, PlateTrials, Trials
 from tactibench.protocols import UNTOUCHED, family_of
-from tactibench.stats import Estimate, IntArray, Labels
+from tactibench.stats import Estimate, IntArray, Labels, positive_mean_interval
 
 Rows = Iterable[tuple[str, Estimate]]
 """(group, estimate) pairs in the order of the table."""
@@ -135,8 +135,8 @@ def mean_metric(
     better: str,
     formula: str,
     sample: Callable[[Trials], Sample],
-    summary: Summary,
-    groups: Callable[[Trials], Groups],
+    summary: Summary = positive_mean_interval,
+    groups: Callable[[Trials], Groups] = by_kind,
     **others: Any,
 ) -> MetricSpec:
     """Return the spec of a metric that is one summary of one sample, group by group.

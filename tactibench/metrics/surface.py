@@ -105,7 +105,6 @@ SPECS = (
         "(heatmap * max_depth - inward displacement of the skin)^2)",
         surface_mean_squares,
         rms_interval,
-        by_kind,
         root=True,
     ),
     mean_metric(
@@ -115,7 +114,6 @@ SPECS = (
         "surface_rmse_mm of the true contacts, drawn by the encoder of the model",
         floor_mean_squares,
         rms_interval,
-        by_kind,
         root=True,
     ),
     MetricSpec(

@@ -67,7 +67,6 @@ from tactibench.stats import (
     cluster_codes,
     cluster_sums,
     median_by_ranks,
-    positive_mean_interval,
     share_interval,
     t_quantile,
 )
@@ -735,8 +734,7 @@ SPECS = (
         "lower",
         "mean | |p_1 - p_2| - |t_1 - t_2| | over resolved trials",
         distance_errors,
-        positive_mean_interval,
-        by_condition,
+        groups=by_condition,
     ),
     mean_metric(
         "distance_penalised_mm",
@@ -744,8 +742,7 @@ SPECS = (
         "lower",
         "as distance_mae_mm over all trials; one that is not resolved counts |t_1 - t_2|",
         penalised_distance_errors,
-        positive_mean_interval,
-        by_condition,
+        groups=by_condition,
     ),
     mean_metric(
         "resolved",
@@ -754,7 +751,7 @@ SPECS = (
         "trials with exactly two predictions, both matched inside the gate / trials",
         resolved,
         share_interval,
-        by_condition,
+        groups=by_condition,
     ),
     mean_metric(
         "orientation_mae_deg",
@@ -763,8 +760,7 @@ SPECS = (
         "mean angle between the axes through the "
         "two true and the two predicted contacts, modulo 180 deg, over resolved trials",
         orientation_errors,
-        positive_mean_interval,
-        by_condition,
+        groups=by_condition,
     ),
     MetricSpec(
         "threshold_mm",

@@ -164,8 +164,7 @@ class Trials:
             predictions, else 0; None where a failure ends the run.
 
     Raises:
-        ValueError: Lengths or shapes do not fit, a value must be finite and is not, the gate, the
-            maximum depth or a bound is not positive, or the level does not lie between 0 and 1.
+        ValueError: Lengths do not fit, or a map or a surface holds a value that is not finite.
     """
 
     truth: tuple[Contacts, ...]
@@ -187,32 +186,12 @@ class Trials:
         n = len(self.truth)
         _lengths(n, predictions=self.predictions, press=self.press, group=self.group)
         object.__setattr__(self, "press", np.asarray(self.press))
-        _limits(self.level)
-        if not self.gate > 0 or not 0 < self.max_depth < np.inf:
-            raise ValueError(f"gate {self.gate} mm and max_depth {self.max_depth} mm must be > 0")
-        for name in ("maps", "surface"):
-            value = getattr(self, name)
-            if value is not None:
-                _lengths(n, **{name: value})
-                if not np.isfinite(value).all():
-                    raise ValueError(f"{name} holds a value that is not finite")
-                if value.ndim != 3:
-                    raise ValueError(f"{name} has shape {value.shape}, expected (N, H, W)")
-        if self.maps is not None and self.surface is not None:
-            _same_shape(self.maps, self.surface)
-        if self.floor is not None:
-            _lengths(n, floor=self.floor)
-            finite(self.floor, "floor")
-        if self.limit is not None:
-            _lengths(n, limit=self.limit)
-        if self.failed is not None:
-            _lengths(n, failed=self.failed)
-        if self.bound is not None:
-            _lengths(n, bound=self.bound)
-            for truth, bound in zip(self.truth, self.bound, strict=True):
-                filled = finite(np.where(np.isposinf(bound), 1.0, bound), "bound")
-                if filled.shape != (len(truth), 3) or not (filled > 0).all():
-                    raise ValueError("a bound is not one positive (x, y, depth) per true contact")
+        for name in ("maps", "surface", "floor", "limit", "failed", "bound"):
+            if getattr(self, name) is not None:
+                _lengths(n, **{name: getattr(self, name)})
+        for name in ("maps", "surface", "floor"):
+            if getattr(self, name) is not None:
+                finite(getattr(self, name), name)
 
     def __len__(self) -> int:
         return len(self.truth)
@@ -252,8 +231,7 @@ class PlateTrials:
             are of one group.
 
     Raises:
-        ValueError: Lengths do not fit, a truth is None, a value is not finite, or the level does
-            not lie between 0 and 1.
+        ValueError: Lengths do not fit, a truth is None, or a value is not finite.
     """
 
     truth: tuple[PlatePose | None, ...]
@@ -268,7 +246,6 @@ class PlateTrials:
         if self.group:
             _lengths(len(self.truth), group=self.group)
         object.__setattr__(self, "press", np.asarray(self.press))
-        _limits(self.level)
         if any(pose is None for pose in self.truth):
             raise ValueError("a plate trial has no truth and cannot be scored")
         for pose in (*self.truth, *self.predictions, *chain(*self.published.values())):
@@ -283,13 +260,3 @@ def _lengths(n: int, **columns: Any) -> None:
     for name, column in columns.items():
         if len(column) != n:
             raise ValueError(f"{name} has {len(column)} entries for {n} trials")
-
-
-def _same_shape(maps: npt.NDArray[Any], surface: npt.NDArray[Any]) -> None:
-    if maps.shape != surface.shape:
-        raise ValueError(f"maps have shape {maps.shape}, the surface has {surface.shape}")
-
-
-def _limits(level: float) -> None:
-    if not 0 < level < 1:
-        raise ValueError(f"level is {level}, it must lie between 0 and 1")

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.spec import MetricSpec, Rows, Sample, by_kind, mean_metric, members
+from tactibench.metrics.spec import MetricSpec, Rows, Sample, mean_metric, members
 from tactibench.metrics.trials import Trials
 from tactibench.stats import (
     Estimate,
@@ -182,7 +182,6 @@ SPECS = (
         "mean over pairs of sum over x, y, depth of z^2 / 2 + log std + log(2 pi) / 2, std in mm",
         log_loss,
         mean_interval,
-        by_kind,
     ),
     mean_metric(
         "rms_z",
@@ -191,7 +190,6 @@ SPECS = (
         "sqrt(mean over pairs and x, y, depth of z^2); 1 is honest",
         squared_z,
         rms_interval,
-        by_kind,
         root=True,
     ),
     *(
@@ -203,7 +201,6 @@ SPECS = (
             f"stated {percent} % ellipse in the plane / pairs; {percent} % is honest",
             partial(inside_ellipse, percent=percent),
             share_interval,
-            by_kind,
         )
         for percent in (50, 90, 95)
     ),

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean, printable
 
@@ -44,25 +44,8 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder na
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
-class Declared:
-    """What a plugin declares; a keyword that it does not have is said with those that it has."""
-
-    def __new__(cls, *_: object, **keywords: object) -> Self:
-        """Return an object whose fields are not set yet.
-
-        Raises:
-            TypeError: A keyword is unknown.
-        """
-        known = {one.name for one in fields(cls)} if is_dataclass(cls) else set(keywords)
-        for keyword in keywords.keys() - known:
-            raise TypeError(
-                f"{cls.__name__} has no keyword {keyword!r}; it has {', '.join(sorted(known))}"
-            )
-        return super().__new__(cls)
-
-
 @dataclass(frozen=True)
-class Parameter(Declared):
+class Parameter:
     """A number or word that a user may set with ``--param KIND.NAME=VALUE``.
 
     Attributes:
@@ -78,8 +61,7 @@ class Parameter(Declared):
             is no part of what identifies frames.
 
     Raises:
-        ValueError: The name is no identifier, the help is no text, the default is neither a number
-            nor a text, a default or a choice is not printable, or the default is not allowed.
+        ValueError: The name is no identifier, or the default is not allowed.
     """
 
     name: str
@@ -92,16 +74,9 @@ class Parameter(Declared):
     checks_only: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.isidentifier():
+        if not self.name.isidentifier():
             raise ValueError(f"parameter {self.name!r} has no name that Python could take")
-        object.__setattr__(self, "help", text_of(self.name, "help", self.help))
-        default: object = self.default  # whatever an untyped plugin hands over
-        if not isinstance(default, Value):
-            kind = type(default).__name__
-            raise ValueError(f"parameter {self.name!r} has a default of type {kind}")
-        for value in (self.default, *self.choices):
-            if printable(str(value)) != str(value):  # a user types it, a terminal shows it
-                raise ValueError(f"parameter {self.name!r} has the unprintable value {value!r}")
+        object.__setattr__(self, "help", printable(self.help))
         try:
             self.check(self.default)
         except UserError as error:
@@ -146,17 +121,6 @@ class Parameter(Declared):
         return value
 
 
-def text_of(name: str, key: str, text: object) -> str:
-    """Return a text as a terminal may show it.
-
-    Raises:
-        ValueError: The value is not a text, so that no listing could show it.
-    """
-    if not isinstance(text, str):
-        raise ValueError(f"{name!r} has a {key} of type {type(text).__name__}; a text")
-    return printable(text)
-
-
 def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
     """Return the parameters that every model trained by ``tactibench.training`` has.
 
@@ -182,7 +146,7 @@ def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
 
 
 @dataclass(frozen=True)
-class _Spec(Declared, Generic[T]):
+class _Spec(Generic[T]):
     """The fields that models, sensors and encoders have in common.
 
     Attributes:
@@ -198,12 +162,11 @@ class _Spec(Declared, Generic[T]):
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
-        object.__setattr__(self, "summary", text_of(self.name, "summary", self.summary))
+        object.__setattr__(self, "summary", printable(self.summary))
         object.__setattr__(self, "parameters", tuple(self.parameters))
         names = [parameter.name for parameter in self.parameters]
         if len(set(names)) < len(names):
             raise ValueError(f"{self.name!r} has two parameters of the same name")
-        self._check_variants()
 
     def load(self) -> Callable[..., T]:
         """Import and return the class.
@@ -216,32 +179,9 @@ class _Spec(Declared, Generic[T]):
         loaded: Callable[..., T] = import_target(self.name, self.target, getattr(base, self._BASE))
         return loaded
 
-    def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
-        """Return the parameter that chooses a variant, and its value -> defaults that differ."""
-        return "", {}
-
-    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
+    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:  # noqa: ARG002
         """Return the value that every parameter has where only ``values`` are given."""
-        plain = {parameter.name: parameter.default for parameter in self.parameters}
-        by, variants = self._variants()
-        differing = {str(variant): differs for variant, differs in variants.items()}
-        return {**plain, **differing.get(str({**plain, **values}.get(by)), {})}
-
-    def _check_variants(self) -> None:
-        """Raise ValueError where a variant sets a parameter that the spec lacks.
-
-        Raises:
-            UserError: A default is not allowed.
-        """
-        by, variants = self._variants()
-        by_name = {parameter.name: parameter for parameter in self.parameters}
-        for variant, values in variants.items():
-            if missing := {by, *values} - set(by_name):
-                raise ValueError(
-                    f"{by} {variant!r} of {self.name!r} sets {sorted(missing)}, which it lacks"
-                )
-            for name, value in values.items():
-                by_name[name].check(value)
+        return {parameter.name: parameter.default for parameter in self.parameters}
 
     def settings(self, given: Mapping[str, str]) -> dict[str, Value]:
         """Return the values of all parameters: those given as text, the others at their defaults.
@@ -307,21 +247,23 @@ class ModelSpec(_Spec["Model"]):
     )
     deterministic: bool = field(default=False, kw_only=True)
 
-    def _variants(self) -> tuple[str, Mapping[Any, Mapping[str, Value]]]:
-        """Return the parameter that chooses a recipe, and the recipes."""
-        return RECIPE, self.recipes
-
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_words(self.name, "answers", self.answers, ANSWERS)
-        _check_words(self.name, "reads", self.reads, SIGNALS)
-        _check_words(self.name, "encoders", self.encoders)
-        _check_count(self.name, self.max_contacts)
-        if self.default_encoder and not (self.uses_encoder and _is_name(self.default_encoder)):
-            raise ValueError(
-                f"{self.name!r} has default_encoder {self.default_encoder!r}; the name of an "
-                "encoder, of a model that uses one"
-            )
+        _require_allowed(self.name, "answers", self.answers, ANSWERS)
+        _require_allowed(self.name, "reads", self.reads, SIGNALS)
+        by_name = {parameter.name: parameter for parameter in self.parameters}
+        for recipe, values in self.recipes.items():
+            if missing := {RECIPE, *values} - set(by_name):
+                raise ValueError(
+                    f"recipe {recipe!r} of {self.name!r} sets {sorted(missing)}, which it lacks"
+                )
+            for name, value in values.items():
+                by_name[name].check(value)
+
+    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the value that every parameter has where only ``values`` are given."""
+        plain = super().defaults(values)
+        return {**plain, **self.recipes.get(str({**plain, **values}.get(RECIPE)), {})}
 
 
 @dataclass(frozen=True)
@@ -350,8 +292,7 @@ class SensorSpec(_Spec["Sensor"]):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.origin not in ORIGINS:
-            raise ValueError(f"{self.name!r} has origin {self.origin!r}; one of {ORIGINS}")
+        _require_allowed(self.name, "origin", (self.origin,), ORIGINS)
         if bool(self.reference_of) != bool(self.scenes):
             raise ValueError(f"{self.name!r} needs both reference_of and scenes, or neither")
 
@@ -379,15 +320,9 @@ class EncoderSpec(_Spec["Encoder"]):
     max_contacts: int | None = None
     shows_surface: bool = False
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not _is_name(self.kind):
-            raise ValueError(f"{self.name!r} has kind {self.kind!r}; a word such as 'heat'")
-        _check_count(self.name, self.max_contacts)
-
 
 @dataclass(frozen=True)
-class CommandSpec(Declared):
+class CommandSpec:
     """A verb for the command line.
 
     Attributes:
@@ -402,7 +337,7 @@ class CommandSpec(Declared):
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
-        object.__setattr__(self, "summary", text_of(self.name, "summary", self.summary))
+        object.__setattr__(self, "summary", printable(self.summary))
 
     def load(self) -> Any:
         """Import and return the click command.
@@ -413,24 +348,14 @@ class CommandSpec(Declared):
         return import_target(self.name, self.target)
 
 
-def _is_name(value: object) -> bool:
-    return isinstance(value, str) and _NAME.fullmatch(value) is not None
-
-
-def _check_words(name: str, key: str, words: object, allowed: tuple[str, ...] = ()) -> None:
-    if not isinstance(words, tuple) or not words or not all(map(_is_name, words)):
-        raise ValueError(f"{name!r} has {key} {words!r}; a tuple of {allowed or 'names'}")
-    if allowed and set(words) - set(allowed):
+def _require_allowed(name: str, key: str, words: tuple[str, ...], allowed: tuple[str, ...]) -> None:
+    """Raise ValueError unless there are words, all of them allowed."""
+    if not words or not set(words) <= set(allowed):
         raise ValueError(f"{name!r} has {key} {words!r}; a tuple of {allowed}")
 
 
-def _check_count(name: str, most: int | None) -> None:
-    if most is not None and most < 1:
-        raise ValueError(f"{name!r} has max_contacts {most}; 1 or more")
-
-
 def _check_names(name: object, target: object) -> None:
-    if not _is_name(name):
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ValueError(f"name {name!r} may hold letters, digits, '_' and '-' only")
     if not isinstance(target, str) or not _TARGET.fullmatch(target):
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")

@@ -6,13 +6,12 @@ one number.
 
 from __future__ import annotations
 
-import math
 import tomllib
 import typing
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
@@ -108,6 +107,15 @@ def case(family: str, value: float) -> str:
 def family_of(group: str) -> str:
     """Return the family of a case's group, or the test of a group that is scored apart."""
     return group.partition(":")[0]
+
+
+def _check_lengths(
+    what: str, table: Strict, lengths: frozenset[str], needed: frozenset[str]
+) -> None:
+    """Raise ValueError where a table lacks a key that it needs, or has one that it does not."""
+    for key in sorted(lengths):
+        if bool(getattr(table, key)) != (key in needed):
+            raise ValueError(f"{what} {'needs' if key in needed else 'takes no'} {key}")
 
 
 class Strict(BaseModel):
@@ -213,18 +221,12 @@ class Family(Strict):
         if len(kinds) != 1:
             raise ValueError(f"family {self.name!r} needs exactly one of press, fault, parameter")
         needed = NEEDS[self.press] if self.press else frozenset()
-        for key in ("radius_mm", "depth_mm", "apart_mm", "ring_mm"):
-            if (getattr(self, key) is not None) != (key in needed):
-                verb = "needs" if key in needed else "takes no"
-                change = self.press or self.fault or "parameter"
-                raise ValueError(f"family {self.name!r} of {change!r} {verb} {key}")
+        _check_lengths(f"family {self.name!r}", self, NEEDS["ring"] | NEEDS["beside"], needed)
         if not self.press and (self.sensor or self.presses):
             raise ValueError(
                 f"family {self.name!r} takes the presses of the base family: leave sensor and "
                 "presses out"
             )
-        if self.depth_mm is not None and self.depth_mm[0] > self.depth_mm[1]:
-            raise ValueError(f"family {self.name!r}: depth_mm must not fall")
         return self
 
     @model_validator(mode="after")
@@ -240,10 +242,6 @@ class Family(Strict):
                     f"family {self.name!r} gets harder {self.harder}: easy and values must be in "
                     "that order"
                 )
-        elif self.easy in self.values:
-            raise ValueError(f"family {self.name!r} has its easy value among its values")
-        if self.press == "ring" and any(v != round(v) or v < 1 for v in self.pressed_values):
-            raise ValueError(f"family {self.name!r}: values are numbers of tips, 1 and more")
         return self
 
     @property
@@ -273,19 +271,26 @@ def contradictions(spec: Protocol) -> Iterator[str]:
     if (spec.split is None) == (spec.recorded is None):
         yield "exactly one of [split] and [recorded] is needed"
     yield from _repeated("draws", (draw.name for draw in spec.draws))
-    yield from _repeated("test.sets", spec.test.sets)
-    yield from _repeated("metrics.names", spec.metrics.names)
-    streams = Counter([*(d.stream for d in spec.draws), *(f.stream for f in spec.families)])
+    yield from _repeated("families", (family.name for family in spec.families))
+    lone = (table for table in (spec.plates, spec.transfer) if table is not None)
+    streams = Counter(table.stream for table in (*spec.draws, *spec.families, *lone))
     if streams and max(streams.values()) > 1:
-        kind = "draws or families" if spec.families else "draws"
-        yield f"two {kind} take the same stream: they would share presses"
+        yield "two tables take the same stream: they would share presses"
     yield from _about_families(spec)
     yield from _about_apart(spec)
-    if spec.recorded is not None:
-        yield from _about_recorded(spec)
+    if spec.recorded is not None and (
+        spec.draws
+        or any(spec.regimes.values())
+        or (spec.test.sets, spec.test.group, spec.test.catch) != ((RECORDED,), "all", None)
+    ):
+        yield (
+            "a protocol of recorded presses has no draws, empty regimes, no catch trials, "
+            f"sets = [{RECORDED!r}] and group = 'all'"
+        )
     if spec.split is not None:
         yield from _about_drawn(spec, spec.split)
-    yield from _about_transfer(spec)
+    if (spec.plates or spec.transfer) and (spec.recorded is None or spec.answer != "plate"):
+        yield "[plates] and [transfer] belong to a protocol with [recorded] and answer = 'plate'"
 
 
 def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
@@ -297,42 +302,13 @@ def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
 def _about_apart(spec: Protocol) -> Iterator[str]:
     if spec.test.apart and (spec.split is None or spec.families):
         yield "[[test.apart]] belongs to a protocol that draws its test presses"
-        return
-    yield from _repeated("test.apart", (apart_set.name for apart_set in spec.test.apart))
-    apart = [name for apart_set in spec.test.apart for name in apart_set.sets]
-    yield from _repeated("sets of test.apart", apart)
     names = [draw.name for draw in spec.draws]
-    trained = [name for draws in spec.regimes.values() for name in draws]
-    for name in apart:
+    used = {*spec.test.sets, *(name for draws in spec.regimes.values() for name in draws)}
+    for name in (name for apart_set in spec.test.apart for name in apart_set.sets):
         if name not in names:
             yield f"no draw is named {name!r}; {_near(name, names)}"
-        elif name in spec.test.sets or name in trained or name == (spec.split and spec.split.draw):
+        elif name in used or name == (spec.split and spec.split.draw):
             yield f"draw {name!r} of [[test.apart]] is trained on or tested with the others, too"
-
-
-def _about_recorded(spec: Protocol) -> Iterator[str]:
-    if spec.draws:
-        yield "a protocol of recorded presses draws none: leave out either [recorded] or [[draws]]"
-    if any(spec.regimes.values()):
-        yield "a protocol of recorded presses has no draws to add to a regime: leave them empty"
-    if spec.test.sets != (RECORDED,) or spec.test.catch is not None:
-        yield f"a protocol of recorded presses tests sets = [{RECORDED!r}] and has no catch trials"
-    if spec.test.group != "all":
-        yield "a protocol of recorded presses has group = 'all'"
-
-
-def _about_transfer(spec: Protocol) -> Iterator[str]:
-    for name in ("plates", "transfer"):
-        if getattr(spec, name) is not None and (spec.recorded is None or spec.answer != "plate"):
-            yield f"[{name}] belongs to a protocol with [recorded] and answer = 'plate'"
-    if spec.transfer is None:
-        if spec.plates is not None:
-            yield "[plates] is what is trained on where [transfer] is tested: add [transfer]"
-        return
-    if spec.plates is not None and spec.plates.stream == spec.transfer.stream:
-        yield "[plates] and [transfer] take the same stream: they would share random numbers"
-    if spec.recorded is not None and spec.recorded.test_frames is not None:
-        yield "a protocol with [transfer] tests on folders of any kind: leave out test_frames"
 
 
 def _about_drawn(spec: Protocol, split: Split) -> Iterator[str]:
@@ -346,13 +322,8 @@ def _about_drawn(spec: Protocol, split: Split) -> Iterator[str]:
         if name not in names:
             yield f"no draw is named {name!r}; {_near(name, names)}"
             return
-    for regime, draws in spec.regimes.items():
-        yield from _repeated(f"regimes.{regime}", draws)
-        if split.draw in draws:
-            yield (
-                f"regime {regime!r} must not name draw {split.draw!r}: the training share of the "
-                "split is always in it"
-            )
+    if split.draw in trained:
+        yield f"no regime may name draw {split.draw!r}: its training share is always in it"
     for name in trained:
         if name in spec.test.sets:
             yield f"draw {name!r} is both trained on and tested"
@@ -364,78 +335,48 @@ def _about_drawn(spec: Protocol, split: Split) -> Iterator[str]:
             f"the split takes {split.test} test and {split.validation} validation presses of the "
             f"{base.count} of draw {base.name!r}, which leaves none to train on"
         )
-    if not spec.families:
-        yield from _about_test(spec, catch)
-    for draw in spec.draws:
-        if draw.span_mm > spec.workspace.diagonal_mm:
-            yield (
-                f"draw {draw.name!r} has tips {draw.span_mm} mm apart, but the workspace is "
-                f"{spec.workspace.diagonal_mm:.1f} mm across"
-            )
+    for name in catch:
+        if name not in spec.test.sets or spec.draw(name).indenter != "single":
+            yield f"test.catch {name!r} must be a draw of single presses and one of test.sets"
+    if spec.test.group == "distance":
+        for name in tested:
+            if name not in catch and spec.draw(name).indenter != "dual":
+                yield f"test.group = 'distance' needs dual presses, which draw {name!r} has not"
 
 
 def _about_families(spec: Protocol) -> Iterator[str]:
-    if not spec.families:
-        if spec.cases is not None:
-            yield "[cases] is about [[families]], but there are none: add some, or leave it out"
-        if spec.test.group == "case":
-            yield "test.group = 'case' needs [[families]]"
+    if (spec.cases is None) != (not spec.families):
+        yield "[cases] and [[families]] belong together"
+    if (spec.test.group == "case") != bool(spec.families):
+        yield "[[families]] and test.group = 'case' belong together"
+    if spec.cases is None or not spec.families:
         return
-    names = [family.name for family in spec.families]
-    yield from _repeated("families", names)
-    if spec.split is None:
-        yield "[[families]] are pressed by a sensor: a protocol with them needs [split]"
-    if spec.test.sets != (FAMILIES,) or spec.test.group != "case" or spec.test.catch is not None:
+    if spec.split is None or spec.test.sets != (FAMILIES,) or spec.test.catch is not None:
         yield (
-            f"a protocol with [[families]] tests sets = [{FAMILIES!r}], has group = 'case' and no "
+            f"a protocol with [[families]] has [split], tests sets = [{FAMILIES!r}], and has no "
             "catch trials"
         )
-    if spec.cases is None:
-        yield "[[families]] need [cases], which says how many presses a case has"
-        return
-    base = next((family for family in spec.families if family.name == spec.cases.base), None)
-    if base is None:
-        yield f"cases.base: no family is named {spec.cases.base!r}; {_near(spec.cases.base, names)}"
-    elif base.press is None or len(base.pressed_values) != 1:
-        yield f"cases.base {base.name!r} must press scenes and have one value and no easy one"
-    elif base.sensor or (base.presses or spec.cases.presses) < spec.cases.presses:
+    cases, families = spec.cases, {family.name: family for family in spec.families}
+    empty = () if cases.empty is None else (cases.empty,)
+    for name in (cases.base, *empty, *cases.untouched):
+        if name not in families:
+            yield f"[cases]: no family is named {name!r}; {_near(name, list(families))}"
+            return
+    base = families[cases.base]
+    if base.press is None or len(base.pressed_values) != 1 or base.sensor or base.presses:
         yield (
-            f"cases.base {base.name!r} must be pressed by the sensor as it is, and as often as any "
-            "case: faults are done to its frames"
+            f"cases.base {base.name!r} must press scenes with the sensor as it is, and have one "
+            "value and no easy one: faults are done to its frames"
         )
-    yield from _about_untouched(spec, spec.cases, names)
-
-
-def _about_untouched(spec: Protocol, cases: Cases, names: list[str]) -> Iterator[str]:
-    if (cases.empty is None) != (not cases.untouched):
-        yield "cases.empty and cases.untouched belong together"
-        return
-    yield from _repeated("cases.untouched", cases.untouched)
-    if UNTOUCHED in names:
-        yield f"no family may be named {UNTOUCHED!r}: groups of cases.untouched begin so"
-    for name in (*cases.untouched, *([] if cases.empty is None else [cases.empty])):
-        if name not in names:
-            yield f"[cases]: no family is named {name!r}; {_near(name, names)}"
-        elif name == cases.empty and spec.family(name).press != "nothing":
-            yield f"cases.empty {name!r} must press 'nothing'"
-        elif name != cases.empty and spec.family(name).fault is None:
+    if bool(empty) != bool(cases.untouched) or any(families[n].press != "nothing" for n in empty):
+        yield "cases.untouched needs cases.empty, a family that presses 'nothing'"
+    for name in cases.untouched:
+        if families[name].fault is None:
             yield f"cases.untouched names {name!r}, which is no family of a fault"
 
 
 def _near(name: str, names: list[str]) -> str:
     return did_you_mean(name, names).rstrip(".")
-
-
-def _about_test(spec: Protocol, catch: list[str]) -> Iterator[str]:
-    for name in catch:
-        if name not in spec.test.sets:
-            yield f"test.catch {name!r} must be one of test.sets"
-        if spec.draw(name).indenter != "single":
-            yield f"test.catch {name!r} must be a draw of single presses"
-    if spec.test.group == "distance":
-        for name in spec.test.sets:
-            if name not in catch and spec.draw(name).indenter != "dual":
-                yield f"test.group = 'distance' needs dual presses, which draw {name!r} has not"
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -461,11 +402,6 @@ class Workspace(Strict):
             raise ValueError("half_width_mm must be smaller than dome_radius_mm")
         return self
 
-    @property
-    def diagonal_mm(self) -> float:
-        """Largest distance between two tips inside the workspace."""
-        return 2 * math.sqrt(2) * self.half_width_mm
-
 
 class GridKeys(Strict):
     """The heatmap grid around the apex."""
@@ -483,6 +419,17 @@ class Defaults(Strict):
 
     sensor: Name
     encoder: Name
+
+
+INDENTERS: dict[str, frozenset[str]] = {
+    "dual": frozenset({"distances_mm"}),
+    "triple": frozenset({"side_mm", "heights_mm"}),
+    "tips": frozenset({"offsets_mm"}),
+    "scattered": frozenset({"tip_count", "apart_mm"}),
+}
+"""Indenter -> keys of its shape."""
+SHAPES = frozenset().union(*INDENTERS.values())
+"""Keys of the shape of any indenter."""
 
 
 class Draw(Strict):
@@ -513,24 +460,10 @@ class Draw(Strict):
     def _complete(self) -> Self:
         if (self.count is None) == (self.per_distance is None):
             raise ValueError(f"draw {self.name!r} needs either count or per_distance")
-        dual, triple = self.indenter == "dual", self.indenter == "triple"
-        if dual != bool(self.distances_mm):
-            raise ValueError(f"draw {self.name!r}: distances_mm belongs to a dual indenter")
-        if len(set(self.distances_mm)) != len(self.distances_mm):
-            raise ValueError(f"draw {self.name!r}: distances_mm holds a distance twice")
-        if self.per_distance is not None and not dual:
+        if self.per_distance is not None and self.indenter != "dual":
             raise ValueError(f"draw {self.name!r}: per_distance belongs to a dual indenter")
-        if triple != bool(self.heights_mm) or triple != (self.side_mm is not None):
-            raise ValueError(f"draw {self.name!r}: side_mm and heights_mm belong to a triple")
-        scattered = self.indenter == "scattered"
-        if {scattered} != {self.tip_count is not None, self.apart_mm is not None}:
-            raise ValueError(
-                f"draw {self.name!r}: tip_count and apart_mm belong to a scattered indenter"
-            )
-        if (self.indenter == "tips") != bool(self.offsets_mm):
-            raise ValueError(f"draw {self.name!r}: offsets_mm belongs to indenter 'tips'")
-        if len({(x, y) for x, y, _ in self.offsets_mm}) != len(self.offsets_mm):
-            raise ValueError(f"draw {self.name!r}: offsets_mm holds two tips at one place")
+        what = f"draw {self.name!r} of indenter {self.indenter!r}"
+        _check_lengths(what, self, SHAPES, INDENTERS.get(self.indenter, frozenset()))
         return self
 
     @property
@@ -538,14 +471,6 @@ class Draw(Strict):
         """Number of tips."""
         stated = len(self.offsets_mm) or self.tip_count
         return stated or {"single": 1, "dual": 2, "triple": 3}[self.indenter]
-
-    @property
-    def span_mm(self) -> float:
-        """Largest distance between two tips."""
-        places = [(x, y) for x, y, _ in self.offsets_mm]
-        apart = (math.dist(a, b) for a, b in combinations(places, 2))
-        least = (self.side_mm or 0.0, self.apart_mm or 0.0)
-        return max((*self.distances_mm, *least, *apart))
 
 
 class Split(Strict):

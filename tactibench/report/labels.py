@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from tactibench.metrics import FAMILIES, find_metric
+from tactibench.metrics import all_metrics, find_metric
 
 Format = Callable[[float], str]
 
@@ -129,7 +129,7 @@ UNITS = {"share": "%", "per frame": ""}
 
 def is_share(metric: str) -> bool:
     """Return whether a metric lies in 0..1 and is shown in per cent."""
-    return metric in FAMILIES and find_metric(metric).unit == "share"
+    return metric in all_metrics() and find_metric(metric).unit == "share"
 
 
 def named(metric: str, unit: str) -> str:

@@ -16,19 +16,31 @@ from tactibench.testing.checks import (
     properties,
     subject_of,
 )
-from tactibench.testing.runner import (
+from tactibench.testing.subjects import (
+    EXPECTED,
+    FAILED,
+    PASSED,
+    SKIPPED,
+    UNEXPECTED,
+    EncoderSubject,
     Failed,
     Finding,
+    ModelSubject,
     NotApplicable,
     Property,
     Report,
+    SensorSubject,
     check_names,
     examine,
     run_checks,
 )
-from tactibench.testing.subjects import EncoderSubject, ModelSubject, SensorSubject
 
 __all__ = [
+    "EXPECTED",
+    "FAILED",
+    "PASSED",
+    "SKIPPED",
+    "UNEXPECTED",
     "EncoderSubject",
     "Failed",
     "Finding",

@@ -13,20 +13,18 @@ from tactibench.protocols import load_protocol
 from tactibench.testing import encoder as encoder_checks
 from tactibench.testing import model as model_checks
 from tactibench.testing import sensor as sensor_checks
-from tactibench.testing.runner import (
+from tactibench.testing.subjects import (
     EXPECTED,
+    PROTOCOL,
     SKIPPED,
+    EncoderSubject,
+    ModelSubject,
     Property,
+    SensorPresses,
+    SensorSubject,
     check_names,
     examine,
     properties_of,
-)
-from tactibench.testing.subjects import (
-    PROTOCOL,
-    EncoderSubject,
-    ModelSubject,
-    SensorPresses,
-    SensorSubject,
 )
 
 EPOCHS = "15"

@@ -9,13 +9,14 @@ import numpy as np
 from tactibench.contacts import Contacts, Grid
 from tactibench.errors import UserError
 from tactibench.plugins import Encoder
-from tactibench.testing.runner import (
+from tactibench.testing.subjects import (
+    EncoderSubject,
     Failed,
+    check_parameters,
     must_refuse,
     must_work,
     require,
 )
-from tactibench.testing.subjects import EncoderSubject, check_parameters
 
 NUMBERS = ("channels", "separation", "tolerance")
 """Attributes of an encoder that must be numbers."""
@@ -199,19 +200,6 @@ def scores(subject: EncoderSubject) -> None:
         require(inside, "a contact was read more than 2.5 mm outside the grid")
 
 
-def depth_range(subject: EncoderSubject) -> None:
-    """A contact deeper than can be shown, or above the skin, is refused or comes back as it is."""
-    encoder = subject.encoder
-    deepest = float(subject.values.get("max_depth", DEEP))
-    for depth in (1.05 * deepest, -0.1):
-        truth = Contacts.truth([[0.0, 0.0]], [depth])
-        try:
-            worst = max(_read_back(encoder, truth, subject.grid))
-        except UserError:
-            continue
-        require(worst <= encoder.tolerance, f"{_label(truth)} came back off by {worst:.3g} mm")
-
-
 def refusals(subject: EncoderSubject) -> None:
     """Maps with NaN, infinity or another shape are refused, and two contacts where one is shown."""
     encoder, (rows, columns) = subject.encoder, subject.grid.shape
@@ -246,26 +234,6 @@ def another_grid(subject: EncoderSubject) -> None:
     require(maps.shape[1:] == grid.shape, f"maps of shape {maps.shape} for {grid.shape} cells")
     worst = max(_read_back(encoder, truth, grid))
     require(worst <= encoder.tolerance, f"{_label(truth)} came back off by {worst:.3g} mm")
-
-
-def several(subject: EncoderSubject) -> None:
-    """Three contacts 8 mm apart, as the triple indenter makes them, come back finely."""
-    subject.skip_unless_several()
-    rng = np.random.default_rng(9)
-    lists = []
-    for _ in range(60):
-        turn = rng.uniform(0, 2 * np.pi) + np.arange(3) * 2 * np.pi / 3
-        xy = 8 / np.sqrt(3) * np.column_stack([np.cos(turn), np.sin(turn)])
-        places = xy + rng.uniform(-1.5, 1.5, 2)
-        lists.append(Contacts.truth(places, rng.uniform(SHALLOW, DEEP, 3)))
-    tolerance = subject.encoder.tolerance
-    for decoded, truth in zip(subject.decode(subject.encode(lists)), lists, strict=True):
-        require(len(decoded) == 3, f"{_label(truth)} were read as {len(decoded)} contacts")
-        position, depth = _largest_errors(decoded, truth)
-        require(
-            position <= max(tolerance, 0.05) and depth <= max(tolerance, 0.01),
-            f"{_label(truth)} came back off by {position:.3g} mm, their depths by {depth:.3g} mm",
-        )
 
 
 def _random_contact(rng: np.random.Generator, shallowest: float = SHALLOW) -> Contacts:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,22 +14,18 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError, describe_exception
-from tactibench.images import resized
 from tactibench.plugins import FitReport
-from tactibench.testing.runner import (
-    Failed,
-    NotApplicable,
-    must_refuse,
-    must_work,
-    require,
-)
 from tactibench.testing.subjects import (
-    FIT,
     SEED,
+    Failed,
     ModelSubject,
+    NotApplicable,
     changed_images,
     check_parameters,
     difference,
+    must_refuse,
+    must_work,
+    require,
     writable,
 )
 
@@ -42,8 +37,6 @@ EXACT = 1e-6
 """Largest difference, in mm, deg and score, between answers of the same weights."""
 CLOSE = 1e-3
 """Largest difference where only the order of additions differs."""
-SIZES = ((96, 96), (64, 80), (200, 160))
-"""Rows and columns of frames of other sizes."""
 
 Image = npt.NDArray[Any]
 
@@ -166,21 +159,6 @@ def save_load(subject: ModelSubject) -> None:
     require(gap <= EXACT, f"answers differ by {gap:.3g}")
 
 
-def damaged_weights(subject: ModelSubject) -> None:
-    """Weights that are not there, or of which half is missing, are refused with a sentence."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        with must_refuse("an empty folder"):
-            subject.build().load(folder)
-        subject.trained().save(folder)
-        for path in [path for path in folder.rglob("*") if path.is_file()]:
-            content = path.read_bytes()
-            path.write_bytes(content[: len(content) // 2])
-            with must_refuse(f"half of {path.name}"):
-                subject.build().load(folder)
-            path.write_bytes(content)
-
-
 def input_unchanged(subject: ModelSubject) -> None:
     """Training and predicting leave frames and truth as they were."""
     model, changed = subject.trained_again
@@ -192,17 +170,6 @@ def input_unchanged(subject: ModelSubject) -> None:
     require(not changed, f"predict changed {changed}")
 
 
-def frame_size(subject: ModelSubject) -> None:
-    """Frames of any other size, grey or colour, are answered, or refused with a sentence."""
-    subject.skip_without_images()
-    frame = subject.test_examples.frames[0]
-    for shape in SIZES:
-        other = _with_images(frame, partial(_resize_to_gray, shape=shape))
-        _predict_or_refuse(subject, [other], f"a frame of {shape[0]} x {shape[1]} px")
-    colour = _with_images(frame, _swap_colour)
-    _predict_or_refuse(subject, [colour], f"a frame of shape {colour.image.shape}")
-
-
 def nan_frame(subject: ModelSubject) -> None:
     """A frame with a NaN in it is refused with a sentence."""
     model, frame = subject.trained(), subject.test_examples.frames[0]
@@ -210,32 +177,6 @@ def nan_frame(subject: ModelSubject) -> None:
     signal[tuple(side // 2 for side in signal.shape)] = np.nan  # a model may ignore the border
     with must_refuse("a frame with a NaN in it"):
         model.predict([replace(frame, signal=signal)])
-
-
-def every_answer(subject: ModelSubject) -> None:
-    """A model that declares contacts and plate poses can be trained for both."""
-    if len(subject.spec.answers) == 1:
-        raise NotApplicable(f"the model answers {subject.spec.answers[0]} only")
-    other = next(kind for kind in subject.spec.answers if kind != subject.answer_kind)
-    brief = subject.briefly(other)
-    brief.report()
-    _ = brief.answers
-
-
-def several(subject: ModelSubject) -> None:
-    """A model of several contacts can be trained on presses of one, two and three tips."""
-    if subject.spec.max_contacts == 1 or subject.answer_kind != "contacts":
-        raise NotApplicable("the model answers at most one contact")
-    if subject.encoder is not None and subject.encoder[0].max_contacts == 1:
-        raise NotApplicable("its encoder shows at most one contact")
-    try:
-        presses = subject.presses.several(20)
-    except UserError as error:
-        raise NotApplicable(f"{subject.presses.name} presses one tip only ({error})") from None
-    model = subject.briefly().build()
-    with must_work("training on presses of one, two and three tips"):
-        subject.fit(model, subject.examples[:FIT] + presses)
-    subject.predict(model, presses.frames[:BATCH])
 
 
 def maps(subject: ModelSubject) -> None:
@@ -301,15 +242,6 @@ def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:
     """Return the frame with image and rest image changed in the same way."""
     rest = None if frame.rest is None else change(frame.rest)
     return replace(frame, signal=change(frame.image), rest=rest)
-
-
-def _resize_to_gray(image: Image, shape: tuple[int, int]) -> Image:
-    return resized(np.asarray(image[..., 1] if image.ndim == 3 else image), shape)
-
-
-def _swap_colour(image: Image) -> Image:
-    """Return a grey image as RGB, and an RGB image as grey."""
-    return image[..., 1].copy() if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
 
 
 def _predict_or_refuse(

@@ -14,25 +14,21 @@ import numpy.typing as npt
 from tactibench.channels import holds_channels
 from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
-from tactibench.geometry import true_contacts
 from tactibench.plugins import CHANNELS, IMAGE
-from tactibench.testing.runner import (
+from tactibench.testing.subjects import (
     Failed,
     NotApplicable,
+    SensorSubject,
+    check_parameters,
     must_refuse,
     must_work,
     require,
 )
-from tactibench.testing.subjects import SensorSubject, check_parameters
 
 ASIDE_MM = 3.0
 """Distance from the apex at which the direction of a contact is checked."""
 
 Array = npt.NDArray[np.float64]
-
-
-class Mishap(Exception):  # noqa: N818 - no error of the kit
-    """Raised inside a ``with`` block, to check that it leaves the block."""
 
 
 def target(subject: SensorSubject) -> None:
@@ -52,13 +48,14 @@ def context_manager(subject: SensorSubject) -> None:
     with sensor as opened:
         require(opened is not None, "__enter__ returned None")
         first = opened.press(subject.scenes[0])
-    caught = False
+    mishap = UserError("raised inside, and not swallowed.")
+    caught = None
     try:
         with sensor:
-            raise Mishap
-    except Mishap:
-        caught = True
-    require(caught, "__exit__ swallowed an exception raised inside")
+            raise mishap
+    except UserError as error:
+        caught = error
+    require(caught is mishap, "__exit__ swallowed an exception raised inside")
     with must_work("pressing after the sensor was closed and opened again"), sensor as opened:
         again = opened.press(subject.scenes[0])
     require(again.signal.shape == first.signal.shape, "its frames have another shape")
@@ -213,15 +210,6 @@ def describe(subject: SensorSubject) -> None:
     require(_as_json(subject.build(seed=1).describe()) == before, "it depends on the seed")
 
 
-def scenes(subject: SensorSubject) -> None:
-    """A sensor that has scenes has some, no two alike, and presses each that it names."""
-    named = _own_scenes(subject)
-    require(named, "it has no scene")
-    require(len(set(named.values())) == len(named), "two names stand for one scene")
-    with must_work("pressing scenes that it has"):
-        subject.press(*subject.scenes)
-
-
 def surface(subject: SensorSubject) -> None:
     """A known surface is (H, W) of the grid, finite, and deepest within 2 mm of the contact."""
     subject.skip_unless_any_scene()
@@ -237,42 +225,6 @@ def surface(subject: SensorSubject) -> None:
     # On a dome the skin gives way inward along its normal, where the tip first touches.
     distance = np.hypot(x - 3.0, y + 2.0)
     require(distance <= 2.0, f"pressed at x 3, y -2 mm, it is deepest at x {x:.1f}, y {y:.1f} mm")
-
-
-def known_truth(subject: SensorSubject) -> None:
-    """What is known of a scene has a value a contact: bounds are positive, forces are not negative.
-
-    Bounds of the simulator's own error are (S,) mm and not negative, one a scene.
-    """
-    subject.skip_unless_any_scene()
-    sensor, radius = subject.unopened, subject.protocol.workspace.dome_radius_mm
-    scenes = [_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)]
-    known = [sensor.error_bounds(scenes)]
-    if known[0] is not None:
-        _require_values("error_bounds", known[0], (len(scenes),), infinite=True)
-    for scene in scenes:
-        contacts = len(true_contacts(scene, radius))
-        bound, forces = sensor.bound(scene) if contacts else None, sensor.forces(scene)
-        known += [bound, forces]
-        if bound is not None:
-            _require_values("bound", bound, (contacts, 3), infinite=True)
-            require((np.asarray(bound) > 0).all(), "a bound is positive")
-        if forces is not None:
-            _require_values("forces", forces, (contacts,))
-    for name, count in sensor.terms(scenes).items():
-        require(0 < count <= len(scenes), f"{count} of {len(scenes)} scenes need term {name!r}")
-    if all(value is None for value in known):
-        raise NotApplicable("it knows no bounds and no forces")
-
-
-def _require_values(
-    name: str, values: Array, shape: tuple[int, ...], *, infinite: bool = False
-) -> None:
-    """Raise Failed for another shape, negative values, NaN, and inf unless it is a value."""
-    array = np.asarray(values)
-    require(array.shape == shape, f"{name} has shape {array.shape}, expected {shape}")
-    allowed = (array >= 0) & (infinite | np.isfinite(array))
-    require(allowed.all(), f"{name} holds {array.tolist()}")
 
 
 def _tip(x: float, y: float, depth: float) -> Scene:

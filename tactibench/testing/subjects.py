@@ -1,20 +1,30 @@
-"""Subjects: models, sensors and encoders under test, with the data that their checks share."""
+"""Models, sensors and encoders under test, and the check of their properties one by one."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, floor
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, Grid, Indenter, PlatePose, Pose, Scene
-from tactibench.errors import PluginError, UserError, call_plugin, describe_exception
+from tactibench.errors import (
+    PluginError,
+    UserError,
+    call_plugin,
+    describe_exception,
+    did_you_mean,
+    printable,
+)
 from tactibench.frames import spread
 from tactibench.geometry import plate_pose, true_contacts
 from tactibench.plugins import (
@@ -25,6 +35,7 @@ from tactibench.plugins import (
     Model,
     ModelContext,
     ModelSpec,
+    Owners,
     Parameter,
     PluginHost,
     Sensor,
@@ -34,7 +45,237 @@ from tactibench.plugins import (
 )
 from tactibench.protocols import Protocol, draw_scenes, load_protocol, pressable
 from tactibench.run import NullProgress
-from tactibench.testing.runner import Failed, NotApplicable, must_refuse, require
+
+PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
+EXPECTED, UNEXPECTED = "failed as expected", "passed unexpectedly"
+RAN = (PASSED, FAILED, EXPECTED, UNEXPECTED)
+
+
+class Failed(AssertionError):  # noqa: N818 - the name of an outcome
+    """A property does not hold; the message tells what was seen."""
+
+
+class NotApplicable(Exception):  # noqa: N818 - the name of an outcome
+    """A property does not apply to this subject; the message tells why."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """A behaviour that every plugin of a kind must have.
+
+    Attributes:
+        name: Short name, as in ``expected_failed_checks``.
+        statement: The assertion in one line.
+        check: Function of the subject that raises `Failed` or `NotApplicable`, or returns.
+    """
+
+    name: str
+    statement: str
+    check: Callable[[Any], None]
+
+    @classmethod
+    def from_function(cls, check: Callable[[Any], None]) -> Property:
+        """Return the property of a function; its docstring's first paragraph is the statement."""
+        first_paragraph = (check.__doc__ or "").strip().partition("\n\n")[0]
+        return cls(check.__name__, " ".join(first_paragraph.split()).rstrip("."), check)
+
+
+def properties_of(module: ModuleType) -> tuple[Property, ...]:
+    """Return a property for every public function that a module defines, in the module's order."""
+    return tuple(
+        Property.from_function(value)
+        for name, value in vars(module).items()
+        if isinstance(value, FunctionType)
+        and value.__module__ == module.__name__
+        and not name.startswith("_")
+    )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome of one property for one subject.
+
+    Attributes:
+        checked: The property.
+        outcome: PASSED, FAILED, SKIPPED, EXPECTED or UNEXPECTED.
+        message: On failure what was seen; otherwise why the property was skipped or expected to
+            fail, or "".
+        raised: Whether the plugin raised where it must not, so that further properties would tell
+            nothing more.
+    """
+
+    checked: Property
+    outcome: str
+    message: str
+    raised: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """True where the property holds, was skipped or failed as expected."""
+        return self.outcome not in (FAILED, UNEXPECTED)
+
+    def line(self) -> str:
+        """Return outcome, name, statement and message on one line."""
+        message = f" -- {self.message}" if self.message else ""
+        text = f"{self.outcome:<19} {self.checked.name:<16} {self.checked.statement}{message}"
+        return printable(text)
+
+
+@dataclass(frozen=True)
+class Report:
+    """All findings about one subject.
+
+    Attributes:
+        title: Kind, name and plugin of the subject.
+        findings: One for each property, in their order.
+        unchecked: Number of properties that were left out because the plugin raised before.
+    """
+
+    title: str
+    findings: tuple[Finding, ...]
+    unchecked: int = 0
+
+    def count(self, *outcomes: str) -> int:
+        """Return the number of findings with one of the outcomes."""
+        return sum(finding.outcome in outcomes for finding in self.findings)
+
+    @property
+    def ran(self) -> int:
+        """Number of properties that were not skipped."""
+        return self.count(*RAN)
+
+    @property
+    def ok(self) -> bool:
+        """True where a property was checked, and all findings are ok."""
+        return self.ran > 0 and all(finding.ok for finding in self.findings)
+
+    def summary(self) -> str:
+        """Return "20 ran: 18 passed, 1 failed, 1 failed as expected; 2 skipped" and the like."""
+        counts = Counter(finding.outcome for finding in self.findings)
+        always = (PASSED, FAILED)
+        parts = [f"{counts[name]} {name}" for name in RAN if counts[name] or name in always]
+        text = f"{self.ran} ran: {', '.join(parts)}; {counts[SKIPPED]} skipped"
+        if self.unchecked:
+            text = f"{text}; {self.unchecked} not checked, fix this first"
+        return text if self.ran else f"{text}; nothing ran, which proves nothing"
+
+
+def require(condition: object, message: str) -> None:
+    """Raise `Failed` with the message unless the condition is true."""
+    if not condition:
+        raise Failed(message)
+
+
+@contextmanager
+def must_refuse(case: str) -> Iterator[None]:
+    """Require that the block ends in a UserError with a message.
+
+    Args:
+        case: Words for the action of the block, with which the message of `Failed` begins.
+
+    Raises:
+        Failed: The block raises something else, or nothing.
+    """
+    try:
+        yield
+    except UserError as error:
+        require(str(error).strip(), f"{case} was refused without a word")
+        return
+    except Exception as error:
+        raise Failed(f"{case} raised {describe_exception(error)} instead of a UserError") from error
+    raise Failed(f"{case} was taken without a word")
+
+
+@contextmanager
+def must_work(case: str) -> Iterator[None]:
+    """Turn every exception of the block into `Failed`; `Failed` and `NotApplicable` pass.
+
+    Args:
+        case: Words for the action of the block, with which the message begins.
+
+    Raises:
+        Failed: The block raises an exception.
+    """
+    try:
+        yield
+    except (Failed, NotApplicable):
+        raise
+    except Exception as error:
+        raise Failed(f"{case} raised {describe_exception(error)}") from error
+
+
+def examine(checked: Property, subject: Any, expected: str | None = None) -> Finding:
+    """Check one property of a subject.
+
+    Args:
+        checked: The property.
+        subject: Argument of its function.
+        expected: Reason why the property is expected to fail; None where it is not.
+    """
+    outcome, message, raised = PASSED, "", False
+    try:
+        call_plugin(lambda: checked.check(subject))
+    except PluginError as failure:
+        error = failure.__cause__
+        if isinstance(error, NotApplicable):
+            return Finding(checked, SKIPPED, str(error))
+        raised = not isinstance(error, Failed)
+        outcome, message = FAILED, f"raised {failure}" if raised else str(error)
+        cause = error if raised or error is None else error.__cause__
+        place = None if cause is None else Owners().place_of_error(cause)
+        message += "" if place is None else f" in {place}"
+    if expected is not None and outcome == FAILED:
+        outcome, message = EXPECTED, f"{expected} ({message})"
+    elif expected is not None:
+        outcome = UNEXPECTED
+        message = f"it was expected to fail ({expected}), but holds: take it off the list"
+    return Finding(checked, outcome, message, raised)
+
+
+def run_checks(
+    properties: Iterable[Property],
+    subject: Any,
+    expected_failed_checks: Mapping[str, str] | None = None,
+    on_finding: Callable[[Finding], None] = lambda _: None,
+) -> Report:
+    """Check properties one by one, until the plugin raises where it must not.
+
+    Further properties would fail or be skipped for the same cause.
+
+    Args:
+        properties: The properties to check.
+        subject: Subject of all properties, with a ``title``.
+        expected_failed_checks: Name of a property -> reason why it is expected to fail.
+        on_finding: Function that is called with each finding.
+
+    Raises:
+        UserError: An expected failure names no property, or has no reason.
+    """
+    checked, expected = tuple(properties), dict(expected_failed_checks or {})
+    check_names(checked, expected)
+    findings = []
+    for one_property in checked:
+        findings.append(examine(one_property, subject, expected.get(one_property.name)))
+        on_finding(findings[-1])
+        if findings[-1].raised and not findings[-1].ok:
+            break
+    return Report(subject.title, tuple(findings), len(checked) - len(findings))
+
+
+def check_names(properties: Iterable[Property], expected: Mapping[str, str]) -> None:
+    """Raise UserError for an expected failure of an unknown property, or without a reason."""
+    names = [one_property.name for one_property in properties]
+    for name, reason in expected.items():
+        if name not in names:
+            raise UserError(
+                f"expected_failed_checks names the property {name!r}, which is not among those "
+                f"checked; {did_you_mean(name, names)}"
+            )
+        if not isinstance(reason, str) or not reason.strip():
+            raise UserError(
+                f"the property {name!r} is expected to fail without a reason; say why in words."
+            )
+
 
 PROTOCOL = "exp1"
 """Protocol whose workspace, grid, draws, default sensor and default encoder the checks use."""
@@ -57,9 +298,6 @@ class Examples:
 
     def __getitem__(self, rows: slice) -> Examples:
         return Examples(self.frames[rows], self.truth[rows])
-
-    def __add__(self, other: Examples) -> Examples:
-        return Examples(self.frames + other.frames, self.truth + other.truth)
 
 
 def writable(frame: Frame) -> Frame:
@@ -116,13 +354,13 @@ class SensorPresses:
 
     def singles(self, count: int) -> Examples:
         """Return presses of one spherical tip within the workspace."""
-        return self._press_tips(self._draw(0, count))
-
-    def several(self, count: int) -> Examples:
-        """Return presses of two and three tips in turn."""
-        duals, triples = self._draw(1, count), self._draw(2, count)
-        in_turn = [scene for pair in zip(duals, triples, strict=True) for scene in pair]
-        return self._press_tips(in_turn[:count])
+        draws = list(self.protocol.draws)
+        draws[0] = draws[0].model_copy(update={"count": count})
+        shortened = self.protocol.model_copy(update={"draws": tuple(draws)})
+        scenes = draw_scenes(shortened, draws[0].name).scenes
+        radius = self.protocol.workspace.dome_radius_mm
+        truth = tuple(true_contacts(scene, radius) for scene in scenes)
+        return Examples(self._press(scenes), truth)
 
     def plates(self, count: int) -> Examples:
         """Return presses of a plate that is tilted along x.
@@ -142,18 +380,6 @@ class SensorPresses:
         """Return a frame of the undeformed sensor."""
         with self.sensor as opened:
             return opened.rest()
-
-    def _draw(self, number: int, count: int) -> Sequence[Scene]:
-        """Return the first ``count`` presses of the draw of a number in the protocol."""
-        draws = list(self.protocol.draws)
-        draws[number] = draws[number].model_copy(update={"count": count})
-        shortened = self.protocol.model_copy(update={"draws": tuple(draws)})
-        return draw_scenes(shortened, draws[number].name).scenes
-
-    def _press_tips(self, scenes: Sequence[Scene]) -> Examples:
-        radius = self.protocol.workspace.dome_radius_mm
-        truth = tuple(true_contacts(scene, radius) for scene in scenes)
-        return Examples(self._press(scenes), truth)
 
     def _press(self, scenes: Iterable[Scene]) -> tuple[Frame, ...]:
         with self.sensor as opened:
@@ -203,16 +429,6 @@ class ModelSubject:
         """Raise NotApplicable where the frames of the model are channels."""
         if self.presses.sensor.signal != IMAGE:
             raise NotApplicable(f"{self.presses.name} gives no images")
-
-    def briefly(self, answer: str = "") -> ModelSubject:
-        """Return the same model with one epoch, if it has epochs, for another kind of answer.
-
-        Args:
-            answer: "contacts" or "plate"; "" for the same kind.
-        """
-        declared = {parameter.name for parameter in self.spec.parameters}
-        values = {**self.values, "epochs": 1} if "epochs" in declared else self.values
-        return replace(self, values=values, answer=answer or self.answer)
 
     def context(self, checkpoints: Path | None = None) -> ModelContext:
         """Return the context in which the model is built."""

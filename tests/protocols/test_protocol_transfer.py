@@ -76,10 +76,3 @@ def test_contradictions_are_said(
     inside[where[-1]] = value
     with pytest.raises(UserError, match=said):
         read_tables(changed)
-
-
-def test_plates_without_a_transfer_are_refused(read_tables: Read) -> None:
-    changed = tables()
-    del changed["transfer"]
-    with pytest.raises(UserError, match=r"add \[transfer\]"):
-        read_tables(changed)

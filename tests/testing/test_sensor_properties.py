@@ -11,8 +11,7 @@ import pytest
 from broken import Break, changing, with_attributes
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
-from tactibench.testing import examine, properties, run_checks, subject_of
-from tactibench.testing.runner import FAILED, PASSED, SKIPPED
+from tactibench.testing import FAILED, PASSED, SKIPPED, examine, properties, run_checks, subject_of
 
 PROPERTIES = {one.name: one for one in properties("sensor")}
 KEPT = {
@@ -115,23 +114,8 @@ BROKEN = [
     ("describe", with_attributes(describe=lambda self: {"noise": float("nan")})),
     ("describe", with_attributes(describe=lambda self: {"count": self._count})),
     ("describe", with_attributes(describe=lambda self: {"seed": str(self._seed)})),
-    ("scenes", with_attributes(scenes=lambda self: {**KEPT, "again": KEPT["press 0"]})),
-    ("scenes", with_attributes(scenes=lambda self: {})),
     ("surface", with_attributes(surface=flat)),
     ("surface", with_attributes(surface=elsewhere)),
-    ("known_truth", with_attributes(bound=lambda self, scene: np.ones((1, 3)))),
-    (
-        "known_truth",
-        with_attributes(bound=lambda self, scene: -np.ones((len(scene.indenter.offsets), 3))),
-    ),
-    ("known_truth", with_attributes(error_bounds=lambda self, scenes: np.ones((1, 2)))),
-    ("known_truth", with_attributes(error_bounds=lambda self, scenes: -np.ones(len(scenes)))),
-    ("known_truth", with_attributes(terms=lambda self, scenes: {"pair": 1 + len(scenes)})),
-    ("known_truth", with_attributes(forces=lambda self, scene: np.ones(1))),
-    (
-        "known_truth",
-        with_attributes(forces=lambda self, scene: -np.ones(len(scene.indenter.offsets))),
-    ),
 ]
 
 
@@ -143,7 +127,7 @@ def test_the_good_one_holds_them_all(host: Any) -> None:
     report = run_checks(PROPERTIES.values(), subject_of("sensor", "good_sensor", host=host()))
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
     skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
-    assert skipped == {"scenes", "surface", "known_truth"}
+    assert skipped == {"surface"}
 
 
 @pytest.mark.parametrize(("name", "broken"), BROKEN)
@@ -165,7 +149,7 @@ def test_a_sensor_that_has_scenes_is_asked_for_those(host: Any, target: Any) -> 
     report = run_checks(PROPERTIES.values(), subject_of("sensor", "good_sensor", host=built))
     outcomes = {one.checked.name: one.outcome for one in report.findings}
     assert [name for name, outcome in outcomes.items() if outcome == FAILED] == []
-    assert outcomes["scenes"] == outcomes["determinism"] == outcomes["refusals"] == PASSED
+    assert outcomes["determinism"] == outcomes["refusals"] == PASSED
     assert outcomes["deeper"] == outcomes["direction"] == SKIPPED
 
 
