@@ -164,7 +164,8 @@ class Trials:
             predictions, else 0; None where a failure ends the run.
 
     Raises:
-        ValueError: Lengths do not fit, or a map or a surface holds a value that is not finite.
+        ValueError: Lengths do not fit, or a map or a surface holds a value that is not finite,
+            or a bound is not positive.
     """
 
     truth: tuple[Contacts, ...]
@@ -192,6 +193,8 @@ class Trials:
         for name in ("maps", "surface", "floor"):
             if getattr(self, name) is not None:
                 finite(getattr(self, name), name)
+        if not all((bound > 0).all() for bound in self.bound or ()):  # nor is NaN
+            raise ValueError("a bound must be positive")
 
     def __len__(self) -> int:
         return len(self.truth)
