@@ -238,10 +238,6 @@ def _splits(
     }
 
 
-SeriesPresser = Callable[[Sequence[PressSeries], Header], Iterator[Iterable[Draft]]]
-"""Function that presses series of a data set with this header, and yields the drafts of each."""
-
-
 @dataclass(frozen=True)
 class SensorSource:
     """The sensor that presses.
@@ -391,7 +387,6 @@ def generate(
     source: SensorSource,
     plan: PressPlan,
     advance: Advance,
-    press_all: SeriesPresser | None = None,
 ) -> None:
     """Write the frames of all presses into a data set and close it; an open one is continued.
 
@@ -404,7 +399,6 @@ def generate(
         plan: The presses.
         advance: Called with the number of presses that exist already, and then with the number of
             presses of every finished chunk.
-        press_all: Presses the chunks; None presses in this process.
 
     Raises:
         UserError: The folder holds files but no data set, or another data set.
@@ -428,12 +422,9 @@ def generate(
             if not writer.done.issuperset(press.id for press in chunk.presses)
         ]
         advance(len(list(plan)) - sum(len(chunk.presses) for chunk in missing))
-        batches: Iterator[Iterable[Draft]] = (press_series(source, chunk) for chunk in missing)
-        if press_all is not None:
-            batches = press_all(missing, header)
-        for chunk, drafts in zip(missing, batches, strict=True):
+        for chunk in missing:
             done = writer.done
-            new = (draft for draft in drafts if draft.id not in done)
+            new = (draft for draft in press_series(source, chunk) if draft.id not in done)
             while group := list(islice(new, GROUP)):
                 writer.add_many(group)
             advance(len(chunk.presses))
