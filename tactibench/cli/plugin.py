@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tactibench.plugins import PluginHost
     from tactibench.testing import Finding, Report
 
-LIBRARIES = ("numpy", "torch", "sklearn")
+LIBRARIES = ("numpy", "torch")
 EXAMPLES = {
     "model": "tactibench run exp1 --model {name} --quick",
     "sensor": "tactibench run exp1 --model nearest --sensor {name} --quick",

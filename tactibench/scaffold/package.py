@@ -23,10 +23,8 @@ SUFFIX = ".template"
 COMMON, PACKAGE = "common", "package"
 """Folder of the templates of every kind, and placeholder for the package's folder."""
 
-NEEDS = {"sklearn": ', "scikit-learn>=1.5"'}
-"""Template -> what its package needs beside tactibench, which brings numpy, scipy and torch."""
 
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
 
 
 @dataclass(frozen=True)
@@ -128,8 +126,7 @@ def render_templates(names: Names, template: str = "") -> dict[str, str]:
         for path, text in _read_templates(templates / folder):
             if path.startswith(f"{PACKAGE}/"):
                 path = names.package + path.removeprefix(PACKAGE)
-            needs = NEEDS.get(template, "")
-            contents[path] = Template(text).substitute(names.fields(), needs=needs)
+            contents[path] = Template(text).substitute(names.fields())
     return dict(sorted(contents.items()))
 
 
@@ -148,14 +145,8 @@ def _mistake(name: str) -> str:
         return "it is a path; say where to write it with --out"
     if keyword.iskeyword(name):
         return "it is a keyword of Python"
-    if not name.isidentifier() or not name.isascii():
-        return "it is no identifier of letters, digits and '_' that begins with a letter"
-    if name != name.lower():
-        return f"it has capital letters; write {name.lower()!r}"
     if not _NAME.fullmatch(name):
-        return "it begins with '_'"
-    if name.endswith("_"):
-        return "it ends with '_'"
+        return "it is no identifier of small letters, digits and '_' between them"
     if len(name) > LONGEST_NAME:
         return f"it is longer than {LONGEST_NAME} characters"
     return ""
