@@ -100,11 +100,6 @@ def test_a_spec_that_cannot_be_right_is_refused_when_it_is_made(make: Any, reaso
         make()
 
 
-def test_a_list_of_parameters_becomes_a_tuple() -> None:
-    spec = EncoderSpec("e", "m:C", "", [WIDTH])  # type: ignore[arg-type]
-    assert spec.parameters == (WIDTH,)
-
-
 def test_load_imports_the_target() -> None:
     assert CommandSpec("e", "collections:OrderedDict", "").load().__name__ == "OrderedDict"
     assert EncoderSpec("e", "stubs:StubEncoder", "").load() is StubEncoder

@@ -6,13 +6,12 @@ import ast
 import tomllib
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tactibench import UserError
 from tactibench.plugins import KINDS, Origin, PluginHost
-from tactibench.scaffold import Names, check_name, package, render_templates, write_package
+from tactibench.scaffold import Names, check_name, render_templates, write_package
 
 HOST = PluginHost()
 
@@ -133,15 +132,3 @@ def test_a_file_is_no_place(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(UserError, match="is not a folder"):
         write_package(Names("model", "ridge"), tmp_path / "file")
-
-
-def test_nothing_is_left_of_a_package_that_could_not_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def half(names: Any, template: str) -> dict[str, str]:
-        return {"a/first.py": "x = 1\n", "a": "a folder by now"}
-
-    monkeypatch.setattr(package, "render_templates", half)
-    with pytest.raises(OSError, match="directory"):
-        write_package(Names("model", "ridge"), tmp_path)
-    assert list(tmp_path.iterdir()) == []

@@ -34,9 +34,3 @@ def test_the_documentation_names_every_key_and_its_examples_are_valid() -> None:
     assert len(blocks) == 1
     for block in blocks:
         SweepSpec.model_validate(tomllib.loads(block))
-
-
-def test_the_script_for_slurm_is_python() -> None:
-    text = (DOCS / "cluster.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    compile(block, "slurm.py", "exec")
