@@ -27,6 +27,7 @@ PUBLIC_MODULES = (
     "tactibench.live",
     "tactibench.markers",
     "tactibench.png",
+    "tactibench.records",
     "tactibench.superposition",
     "tactibench.training",
 )
