@@ -51,7 +51,6 @@ from .loader import read_protocol as read_protocol
 from .loader import recorded_seed as recorded_seed
 from .loader import recorded_version as recorded_version
 from .loader import shipped_files as shipped_files
-from .loader import unknown_protocol as unknown_protocol
 from .loader import version_of as version_of
 from .schema import NEEDS as NEEDS
 from .schema import RECORDED as RECORDED

@@ -13,7 +13,6 @@ import hashlib
 import json
 import os
 import tomllib
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,20 +144,10 @@ def load_protocol(name: str) -> LoadedProtocol:
         )
     path = Path(name)
     if path.suffix != ".toml":
-        raise unknown_protocol(name, files)
+        hint = did_you_mean(name, files)
+        more = "" if hint.endswith("?") else f" {VARIABLE} names a folder with your own protocols."
+        raise UserError(f"unknown protocol {name!r}; {hint}{more}")
     return _read_own(path)
-
-
-def unknown_protocol(name: str, known: Iterable[str]) -> UserError:
-    """Return the error for an unknown name: with a close name, or where to put own protocols.
-
-    Args:
-        name: The unknown name.
-        known: The names that exist.
-    """
-    hint = did_you_mean(name, known)
-    more = "" if hint.endswith("?") else f" {VARIABLE} names a folder with protocols of your own."
-    return UserError(f"unknown protocol {name!r}; {hint}{more}")
 
 
 def _read_own(path: Path) -> LoadedProtocol:
