@@ -6,4 +6,3 @@ from .encoders import Mixture as Mixture
 from .encoders import Offsets as Offsets
 from .peaks import CANDIDATES as CANDIDATES
 from .peaks import PeakReader as PeakReader
-from .peaks import three_points as three_points

@@ -1,6 +1,5 @@
 """Public names of tactibench_unet, and the modules that define them."""
 
-from .model import GAIN as GAIN
 from .model import UNet as UNet
 from .model import UNetNetwork as UNetNetwork
 from .model import disturb as disturb

@@ -59,19 +59,6 @@ def test_mean_weighs_contacts_alike_not_frames(fitted, rng):
     np.testing.assert_allclose(got.depth, [3.0])
 
 
-def test_mean_of_no_contacts_is_no_contact(fitted, rng):
-    model = fitted(MeanModel, random_frames(rng, 2), [Contacts.none()] * 2)
-    assert [len(c) for c in model.predict(random_frames(rng, 3))] == [0, 0, 0]
-
-
-def test_mean_plate(fitted, rng):
-    truth = random_plates(rng, 40)
-    model = fitted(MeanModel, random_frames(rng, 40), truth, answer="plate")
-    (got,) = model.predict(random_frames(rng, 1))
-    assert got.depth == pytest.approx(np.mean([t.depth for t in truth]))
-    assert got.tilt == pytest.approx(np.mean([t.tilt for t in truth]))
-
-
 @ANSWERS
 def test_nearest_recalls_its_training_frames(rng, fitted, answer):
     frames, truth = random_frames(rng, 30), random_truth(rng, answer, 30)
@@ -124,23 +111,3 @@ def test_pickled_weights_are_never_read(rng, fitted, context, tmp_path, kind):
     np.savez(path, **arrays)
     with pytest.raises(UserError, match="damaged"):
         kind(context("contacts")).load(tmp_path)
-
-
-def test_a_frame_without_rest_is_refused_when_training_had_one(rng, fitted):
-    frames = random_frames(rng, 3)
-    model = fitted(NearestModel, frames, random_contacts(rng, [1] * 3))
-    with pytest.raises(UserError, match="rest frame"):
-        model.predict([replace(frames[0], rest=None)])
-
-
-@BOTH
-def test_misuse_is_not_answered(rng, fitted, context, tmp_path, kind):
-    with pytest.raises(UserError, match="first"):
-        kind(context("contacts")).predict(random_frames(rng, 1))
-    with pytest.raises(UserError, match="first"):
-        kind(context("contacts")).save(tmp_path)
-    assert not list(tmp_path.iterdir())
-    with pytest.raises(UserError, match="raise the training count"):
-        fitted(kind, [], [])
-    with pytest.raises(TypeError, match="no Contacts"):
-        fitted(kind, random_frames(rng, 2), random_plates(rng, 2), answer="contacts")

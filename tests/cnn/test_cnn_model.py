@@ -1,35 +1,16 @@
 import numpy as np
 import pytest
 import torch
-from drawn_presses import fit, presses
+from drawn_presses import presses
 from silent import Epochs
 
-from tactibench import Contacts, Frame, PlatePose, Pose, UserError
+from tactibench import Contacts, Frame, Pose
 
 PAPER = {"recipe": "paper"}
 
 
 def flat(answers):
     return np.array([[*contacts.xy[0], contacts.depth[0]] for contacts in answers])
-
-
-@pytest.mark.long
-def test_it_learns_where_and_how_deep(make_cnn):
-    progress = Epochs()
-    model = make_cnn(epochs=8)
-    report = fit(model, count=200, progress=progress)
-    assert report.history[-1]["loss"] < 0.2 * report.history[0]["loss"]
-    assert progress.epochs[-1][2] < 0.5 * progress.epochs[0][2]
-    frames, truth = presses(50, 8)
-    error = np.abs(flat(model.predict(frames)) - flat(truth)).mean(axis=0)
-    spread = np.abs(flat(truth) - flat(truth).mean(axis=0)).mean(axis=0)
-    assert (error < 0.25 * spread).all()
-
-
-def test_without_a_frame_at_rest_every_answer_is_a_contact(trained):
-    for contacts in trained.predict(presses(5, 8)[0]):
-        assert len(contacts) == 1
-        assert contacts.score[0] > 0.8
 
 
 def resting(count, seed):
@@ -81,45 +62,6 @@ def test_the_loss_of_an_answer_that_is_not_there_is_its_presence_alone(make_cnn)
 def test_a_contact_is_reported_from_an_even_chance_on(make_cnn, logit):
     (found,) = make_cnn().answers(np.array([[0.0, 0.0, 1.0, logit]], np.float32))
     assert len(found) == (logit > 0)
-
-
-@pytest.mark.parametrize(("width", "size"), [(8, 128), (16, 96), (32, 64), (64, 64)])
-def test_every_width_and_size_is_trained(make_cnn, width, size):
-    model = make_cnn(width=width, size=size, epochs=1)
-    assert np.isfinite(fit(model, count=2).history[0]["loss"])
-    assert len(model.predict(presses(2, 5)[0])) == 2
-
-
-@pytest.mark.long
-def test_plates_are_regressed_with_labels_of_any_sign(make_cnn):
-    progress = Epochs()
-    model = make_cnn(answer="plate", epochs=8)
-    fit(model, count=200, plate=True, progress=progress)
-    frames, truth = presses(50, 8, plate=True)
-    found = model.predict(frames)
-    assert all(isinstance(pose, PlatePose) for pose in found)
-    assert np.mean([abs(p.depth - t.depth) for p, t in zip(found, truth, strict=True)]) < 0.4
-    assert np.mean([abs(p.tilt - t.tilt) for p, t in zip(found, truth, strict=True)]) < 2.0
-    assert 0 < progress.epochs[-1][2] < 1.0
-
-
-def learn(model, frames, truth, progress):
-    rng = np.random.default_rng(0)
-    return model.fit(frames, truth, validation=([], []), rng=rng, progress=progress)
-
-
-def test_a_frame_with_several_contacts_is_refused(make_cnn):
-    frames, truth = presses(4, 5)
-    truth[2] = Contacts.truth([[0, 0], [5, 0]], [1, 1])
-    with pytest.raises(UserError, match="holds 2"):
-        learn(make_cnn(), frames, truth, Epochs())
-
-
-def test_training_frames_without_any_contact_are_refused(make_cnn):
-    frames, _ = presses(3, 5)
-    truth = [Contacts.none()] * 3
-    with pytest.raises(UserError, match="no training frame"):
-        learn(make_cnn(), frames, truth, Epochs())
 
 
 def with_rest(frames, rest):

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from drawn_pins import presses
 
-from tactibench import Contacts, Frame, Model, UserError
+from tactibench import Contacts, Frame, Model, PlatePose, UserError
 from tactibench.plugins import PluginHost
 from tactibench.run import NullProgress
 from tactibench.testing import (
@@ -256,3 +257,33 @@ def test_a_black_frame_is_answered_or_refused(name: str) -> None:
         return
     assert isinstance(answer, Contacts)
     assert np.isfinite(answer.xy).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "epochs"), [("cnn", 8), ("mixture", 20), ("vgnn", 8)])
+def test_plates_with_labels_of_any_sign_are_read(name: str, epochs: int) -> None:
+    """Labels from -3 to 0 mm, as a robot's z."""
+    short = other_subject(name, epochs=str(epochs))
+    model = replace(short, answer="plate").build()
+    rng, progress = np.random.default_rng(3), NullProgress()
+    model.fit(*presses(200, 1, True), validation=presses(16, 2, True), rng=rng, progress=progress)
+    frames, truth = presses(40, 8, plate=True)
+    pairs = [(p, t) for p, t in zip(model.predict(frames), truth, strict=True) if p is not None]
+    assert len(pairs) > 20
+    assert all(isinstance(pose, PlatePose) for pose, _ in pairs)
+    assert np.mean([abs(pose.depth - true.depth) for pose, true in pairs]) < 0.8
+    assert np.median([pose.depth for pose, _ in pairs]) < 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["mixture", "vgnn"])
+def test_the_std_are_scaled_on_validation_frames(name: str) -> None:
+    known = subject(name).examples
+    model = subject(name).build()
+    data = (list(known.frames), list(known.truth))
+    rng = np.random.default_rng(3)
+    report = model.fit(*data, validation=data, rng=rng, progress=NullProgress())
+    factors = np.array(report.notes["std_factors"])
+    assert factors.shape == (2, 3)
+    assert (factors[0] > 0).all()
+    assert (factors[0] != 1).all()

@@ -1,4 +1,4 @@
-"""What the maps of ``depth`` and ``offset`` hold, by plain loops."""
+"""What the maps of ``depth``, ``offset`` and ``mixture`` hold, by plain loops."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps import HeatAndDepth, Offsets
+from tactibench import Contacts, EncoderSpec, Grid, UserError
+from tactibench_heatmaps import HeatAndDepth, Mixture, Offsets
+from tactibench_heatmaps.hooks import tactibench_encoders
 
 SMALL = Grid((11, 14), (-2.0, -1.6), 0.4)
 GRID = Grid.centred(64, 0.4)
@@ -71,3 +72,100 @@ def test_peaks_in_one_another_are_still_read(kind: type) -> None:
 def test_discs_of_less_than_two_cells_are_refused(kind: type) -> None:
     with pytest.raises(UserError, match=r"reach 0\.7 mm, less than 2 cells of 0\.4 mm"):
         kind(reach=0.7).encode(PAIR, GRID)
+
+
+COARSE = Grid.centred(16, 1.6)
+ENCODER = Mixture()
+grids = pytest.mark.parametrize("grid", [GRID, COARSE], ids=["fine", "coarse"])
+
+
+def columns(contacts):
+    """(K, 3) rows of contacts in the order of x."""
+    rows = np.column_stack([contacts.xy, contacts.depth])
+    return rows[np.argsort(rows[:, 0])]
+
+
+def scattered(seed, count, closest):
+    """Contacts no closer than ``closest``."""
+    rng = np.random.default_rng(seed)
+    xy = np.empty((0, 2))
+    while len(xy) < count:
+        one = rng.uniform(-6.4, 6.4, (1, 2))
+        if (np.linalg.norm(xy - one, axis=1) >= closest).all():
+            xy = np.concatenate([xy, one])
+    return Contacts.truth(xy, rng.uniform(0.5, 6, count))
+
+
+@grids
+def test_what_a_model_says_of_itself_comes_back(grid):
+    std = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    stated = Contacts([[1, 2], [-3, 4]], [2, 3], [0.9, 0.7], std)
+    found = ENCODER.decode(ENCODER.encode(stated, grid), grid)
+    np.testing.assert_allclose(found.std, std, rtol=1e-6)
+    np.testing.assert_allclose(found.score, [0.9, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(found.xy, stated.xy, atol=1e-6)
+
+
+def test_channels_are_those_the_docstring_names():
+    contact = Contacts([[0.3, -1.0]], [2.5], [0.8], [[0.1, 0.2, 0.3]])
+    maps = ENCODER.encode(contact, COARSE)
+    assert maps.shape == (7, 16, 16)
+    assert maps.dtype == np.float32
+    row, column = np.unravel_index(maps[0].argmax(), (16, 16))
+    centre = COARSE.xy(row, column)
+    offset = contact.xy[0] - centre
+    assert (np.abs(offset) <= 0.8).all()
+    expected = [0.8, *offset, 2.5, 0.1, 0.2, 0.3]
+    np.testing.assert_allclose(maps[:, row, column], expected, rtol=1e-6)
+    assert np.count_nonzero(maps) == 7
+
+
+def test_contacts_of_one_cell_take_neighbouring_cells():
+    maps = ENCODER.encode(Contacts.truth([[0.7, 0.7], [0.8, 0.9], [0.9, 0.8]], [1, 2, 3]), COARSE)
+    assert np.count_nonzero(maps[0]) == 3
+    near = Mixture(merge=0.05)
+    np.testing.assert_allclose(
+        columns(near.decode(maps, COARSE)), [[0.7, 0.7, 1], [0.8, 0.9, 2], [0.9, 0.8, 3]], atol=1e-5
+    )
+
+
+def test_more_contacts_than_cells_are_refused():
+    with pytest.raises(UserError, match="more contacts than"):
+        ENCODER.encode(scattered(1, 2, 3.0), Grid.centred(1, 20.0))
+
+
+SPECS = {spec.name: spec for spec in tactibench_encoders()}
+# what changes the maps that a model is trained on, and so its weights
+SHAPING = {
+    "hertz": {"max_depth", "radius", "blur"},
+    "depth": {"max_depth", "sigma", "reach"},
+    "offset": {"max_depth", "sigma", "reach"},
+}
+
+
+@pytest.mark.parametrize("name", SHAPING)
+def test_what_shapes_the_maps_is_not_decode_only(name: str) -> None:
+    assert {p.name for p in SPECS[name].parameters if not p.decode_only} == SHAPING[name]
+
+
+CHOICES = [
+    pytest.param(spec, {parameter.name: str(choice)}, id=f"{name}, {parameter.name}={choice}")
+    for name, spec in SPECS.items()
+    for parameter in spec.parameters
+    for choice in parameter.choices
+]
+
+
+@pytest.mark.parametrize(("spec", "chosen"), CHOICES)
+def test_every_choice_reads_what_it_drew(spec: EncoderSpec, chosen: dict[str, str]) -> None:
+    encoder, usual = (spec.load()(**spec.settings(given)) for given in (chosen, {}))
+    assert encoder.channels == usual.channels
+    assert encoder.separation > 0
+    assert encoder.tolerance > 0
+    grid, truth = Grid.centred(64, 0.4), Contacts.truth([[1.31, -2.17]], [3.4])
+    maps = encoder.encode(truth, grid)
+    np.testing.assert_array_equal(maps, usual.encode(truth, grid))  # choices are of the decoder
+    found = encoder.decode(maps, grid)
+    assert len(found) == 1
+    np.testing.assert_allclose(found.xy, truth.xy, rtol=0, atol=encoder.tolerance)
+    np.testing.assert_allclose(found.depth, truth.depth, rtol=0, atol=encoder.tolerance)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from tactibench_heatmaps import CANDIDATES, PeakReader, three_points
+from tactibench_heatmaps import CANDIDATES, PeakReader
 
 
 def reader(threshold: float, **more: Any) -> PeakReader:
@@ -73,35 +73,3 @@ def test_a_dropped_peak_drops_none() -> None:
 def test_work_on_noise_is_bounded() -> None:
     maps = np.random.default_rng(3).random((2, 64, 64)).astype(np.float32)
     assert [len(found) for found in peaks(maps, 0.01)] == [CANDIDATES] * 2
-
-
-def gaussian(row: float, column: float, variance: float = 9.0, size: int = 24) -> np.ndarray:
-    i, j = np.ogrid[:size, :size]
-    square = (i - row) ** 2 + (j - column) ** 2
-    return (0.8 * np.exp(-square / (2 * variance))).astype(np.float32)
-
-
-def test_three_points_of_a_gaussian_are_exact() -> None:
-    peak = np.array([12.0, 8.0, 0.0])
-    one = gaussian(11.8, 8.3)
-    peak[2] = one[12, 8]
-    three_points(one, peak)
-    np.testing.assert_allclose(peak, [11.8, 8.3, 0.8], atol=1e-4)
-
-
-def test_three_points_on_the_border_keep_the_cell() -> None:
-    one = np.zeros((5, 5), np.float32)
-    one[0, 2], one[0, 1], one[0, 3] = 0.9, 0.5, 0.6
-    peak = np.array([0.0, 2.0, 0.9])
-    three_points(one, peak)
-    assert peak[0] == 0.0
-    assert 2 < peak[1] < 2.5
-
-
-def test_a_needle_of_noise_is_not_taken_for_a_high_peak() -> None:
-    """Neighbours at zero have no logarithm to speak of; the height stays near the cell's."""
-    one = np.zeros((9, 9), np.float32)
-    one[4, 4], one[4, 5], one[5, 4] = 0.09, 0.089, 0.089
-    peak = np.array([4.0, 4.0, 0.09])
-    three_points(one, peak)
-    assert peak[2] < 2.0 * 0.09

@@ -47,18 +47,6 @@ def test_rings_of_pins_give_the_graph_of_scipy(rings) -> None:
         assert np.array_equal(pin_graph(xy).edges, scipy_edges(xy))
 
 
-def test_areas_of_a_square_lattice() -> None:
-    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
-    graph = pin_graph(np.stack([x, y], axis=-1).reshape(-1, 2))
-    inner = np.zeros((6, 6), dtype=bool)
-    inner[1:-1, 1:-1] = True
-    assert np.allclose(graph.area[inner.ravel()], 1.0)
-    assert not graph.border[inner.ravel()].any()
-    assert graph.border[~inner.ravel()].all()
-    rim = graph.area[~inner.ravel()]
-    assert ((rim > 0.5) & (rim < 2.5)).all()
-
-
 @given(SEEDS)
 def test_a_permutation_permutes_the_graph(seed) -> None:
     rng = np.random.default_rng(seed)
@@ -102,13 +90,6 @@ def test_missing_pins_are_left_out() -> None:
     assert np.array_equal(graph.edges, left[rest.edges])
     assert np.array_equal(graph.area[left], rest.area)
     assert not graph.area[[3, 7]].any()
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 5])
-def test_few_pins_or_one_place(count) -> None:
-    graph = pin_graph(np.zeros((count, 2)))
-    assert graph.edges.shape == (max(count - 1, 0), 2)
-    assert np.array_equal(graph.area, np.zeros(count))
 
 
 @pytest.mark.parametrize("xy", [np.zeros(4), np.zeros((4, 3))])

@@ -167,26 +167,6 @@ def test_an_even_frame_leaves_pins_at_rest_unseen(tracker, level) -> None:
     assert np.array_equal(tracks.xy[0], tracker.rest)
 
 
-@pytest.mark.parametrize("count", [3, 4, 5, 7])
-def test_few_pins_are_followed(sketch, hexagon, count) -> None:
-    middle = np.argsort(np.hypot(*(hexagon - 100).T))[:count]
-    few = Tracker(sketch(hexagon[middle]))
-    tracks = few.track(sketch(hexagon[middle] + [2.0, -1.0])[None])
-    assert tracks.seen.all()
-    assert np.abs(tracks.xy[0] - few.rest - [2.0, -1.0]).max() < 0.4
-
-
-def test_random_pixels_do_no_harm(tracker) -> None:
-    images = np.random.default_rng(0).integers(0, 256, (2, 200, 200)).astype(np.uint8)
-    assert np.isfinite(tracker.track(images).xy).all()
-
-
-def test_no_frame_no_track(tracker) -> None:
-    tracks = tracker.track(np.zeros((0, 200, 200), dtype=np.uint8))
-    assert tracks.xy.shape == (0, len(tracker.rest), 2)
-    assert tracks.seen.shape == (0, len(tracker.rest))
-
-
 @pytest.mark.parametrize(
     "images",
     [
@@ -207,14 +187,6 @@ def test_other_frames_are_refused(tracker, images) -> None:
 def test_other_rest_frames_are_refused(image) -> None:
     with pytest.raises(UserError, match="the rest frame"):
         rest_layout(image)
-
-
-def test_refinements_are_named(sketch, hexagon) -> None:
-    with pytest.raises(UserError, match="profile"):
-        Tracker(sketch(hexagon), refine="gauss")
-    with pytest.raises(UserError, match="soft discs"):
-        Tracker(sketch(hexagon), refine="profile")
-    assert Tracker(sketch(hexagon)).refine == "centroid"
 
 
 @pytest.mark.long
@@ -276,19 +248,3 @@ def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexago
     tracks = whole.refit(image[None], (true + off)[None])
     assert tracks.seen.all()
     np.testing.assert_allclose(tracks.xy[0], true, atol=0.1)
-
-
-def test_a_pin_without_light_is_not_seen_again(drawn, hexagon) -> None:
-    whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
-    lost = np.arange(len(whole.rest)) % 9 == 0
-    image = drawn(whole.rest[~lost], 3.5, 200, soft=True)
-    tracks = whole.refit(image[None], whole.rest[None])
-    np.testing.assert_array_equal(tracks.seen[0], ~lost)
-
-
-def test_centroids_cannot_be_fitted_again(tracker, sketch) -> None:
-    places = (tracker.rest + 1.0)[None]
-    tracks = tracker.refit(sketch(tracker.rest)[None], places)
-    np.testing.assert_array_equal(tracks.xy, places)
-    assert not tracks.seen.any()
-    assert np.isnan(tracks.radius).all()

@@ -1,12 +1,32 @@
-"""Both models: what they learn, refuse, keep and say of themselves."""
+"""Models of pins: what they learn and refuse, their components and weights, several sensors."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from single_presses import single_presses
 
 from tactibench import Contacts, UserError
-from tactibench_pins import contact_threshold, read_answers, rms_displacement
+from tactibench.markers import rest_images
+from tactibench.run import NullProgress
+from tactibench_pins import (
+    Components,
+    Features,
+    LatticePins,
+    OwnPins,
+    Setting,
+    choose_setting,
+    contact_threshold,
+    find_reader,
+    kernel,
+    kernel_weights,
+    read_answers,
+    rms_displacement,
+)
 
 NAMES = ("kernel", "pins")
 FAR = {"kernel": 0.1, "pins": 0.35}
@@ -69,18 +89,6 @@ def test_how_far_pins_went_decides():
     assert contact_threshold(moved, "plate") == 0.0
 
 
-@pytest.mark.long
-@both
-def test_no_frame_is_dropped_and_missing_pins_are_predicted(taught, make_presses, name):
-    (frame,), (true,) = make_presses(1, 11)
-    image = frame.image.copy()
-    image[28:38, 28:38] = 10  # a pin or two are gone
-    (pose,) = taught[name][0].predict([replace(frame, signal=image)])
-    assert abs(pose.depth - true.depth) < 1.0
-    (blank,) = taught[name][0].predict([replace(frame, signal=np.zeros_like(image))])
-    assert np.isfinite([blank.depth, blank.tilt]).all()
-
-
 @both
 def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
     frames, truth = make_presses(4, 13, plate=False)
@@ -115,15 +123,114 @@ def test_without_a_rest_image_the_least_pressed_frame_stands_in(
     assert (error < [0.5, 3.0]).all()
 
 
-@pytest.mark.long
-def test_members_differ_and_their_mean_is_the_answer(taught, make_presses):
-    import torch
+def moved(count=60, pins=5, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(count, 3)) * [5, 2, 0.5] @ rng.normal(size=(3, 2 * pins)) + 1
 
-    model = taught["pins"][0]
-    frames, _ = make_presses(5, 17)
-    with torch.no_grad():
-        raw = model.network(model.inputs(frames))
-    assert raw.shape == (5, 2, 3)
-    assert float((raw[:, 0, :2] - raw[:, 1, :2]).abs().max()) > 1e-4
-    assert (raw[:, 0, 2] == raw[:, 1, 2]).all()
-    np.testing.assert_allclose(model.outputs(raw)[:, :2], poses(model.predict(frames)), atol=1e-5)
+
+def test_components_are_those_of_the_singular_values():
+    frames = moved()
+    components = Components.fit(frames, 3)
+    _, values, rows = np.linalg.svd(frames - frames.mean(axis=0), full_matrices=False)
+    np.testing.assert_allclose(components.spread, values[:3] / np.sqrt(len(frames)))
+    np.testing.assert_allclose(np.abs(rows[:3] @ components.basis), np.eye(3), atol=1e-9)
+    assert len(components.first(2)) == 2
+
+
+@given(st.floats(0, 1))
+def test_whitening_is_a_power_of_the_spread(whitening):
+    frames = moved()
+    components = Components.fit(frames, 3)
+    spread = components.of(frames, whitening).std(axis=0)
+    relative = (components.spread / components.spread[0]) ** (1 - whitening)
+    np.testing.assert_allclose(spread, relative, rtol=1e-6)
+
+
+def test_least_squares_is_the_closed_form():
+    rng = np.random.default_rng(1)
+    places, target = rng.normal(size=(20, 2)), rng.normal(size=(20, 1))
+    gram = kernel(places, places, 1.3)
+    by_hand = np.exp(-((places[:, None] - places) ** 2).sum(axis=-1) / (2 * 1.3**2))
+    np.testing.assert_allclose(gram, by_hand)
+    alpha = kernel_weights(gram, target, Setting(ridge=0.1, rounds=0))
+    np.testing.assert_allclose((gram + 0.1 * np.eye(20)) @ alpha, target)
+
+
+def test_reweighting_forgives_a_third_of_wrong_targets():
+    """When values are 0 and three in ten are 1, the median is 0 and the mean 0.3."""
+    x = np.linspace(-1, 1, 200)[:, None]
+    wrong = (np.random.default_rng(2).random(200) < 0.3).astype(float)[:, None]
+    gram = kernel(x, x, 2.0)
+    plain = gram @ kernel_weights(gram, wrong, Setting(ridge=1.0, rounds=0))
+    median = gram @ kernel_weights(gram, wrong, Setting(ridge=1.0, rounds=8))
+    assert plain.mean() == pytest.approx(wrong.mean(), abs=0.02)
+    assert np.abs(median).mean() < 0.1
+
+
+def test_the_best_setting_is_no_worse_than_the_usual_one():
+    frames = moved(120, seed=3)
+    components = Components.fit(frames, 3)
+    targets = np.sin(components.of(frames, 0.5)[:, :2])
+    learned = Features(components, frames[:80], targets[:80])
+
+    def error(setting):
+        own, length = learned.places(setting)
+        alpha = kernel_weights(kernel(own, own, length), learned.targets, setting)
+        places, _ = learned.places(setting, frames[80:])
+        return np.abs(kernel(places, own, length) @ alpha - targets[80:]).mean()
+
+    chosen = choose_setting(learned, frames[80:], targets[80:])
+    assert error(chosen) <= error(Setting())
+
+
+kernel_first = pytest.mark.parametrize(
+    "name", ["kernel", pytest.param("pins", marks=pytest.mark.long)]
+)
+
+
+def off(model, frames, truth):
+    """Mean distance of answers from the truth, mm; a miss counts 3."""
+    answers = model.predict(frames)
+    return np.mean(
+        [
+            np.linalg.norm(a.xy[0] - t.xy[0]) if len(a) else 3.0
+            for a, t in zip(answers, truth, strict=True)
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def many():
+    return single_presses(300, 1, instances=5)
+
+
+@kernel_first
+def test_an_unseen_instance_is_read_by_its_own_rest_image(make_model, many, name, tmp_path):
+    more = {"epochs": 60} if name == "pins" else {}
+    model = make_model(name, answer="contacts", **more)
+    model.fit(
+        *many,
+        validation=single_presses(40, 2, instances=5),
+        rng=np.random.default_rng(0),
+        progress=NullProgress(),
+    )
+    unseen = single_presses(40, 3, instance=23)
+    nominal = single_presses(40, 4)
+    assert off(model, *unseen) < 0.8
+    assert off(model, *nominal) < 0.8
+    model.save(tmp_path)
+    again = make_model(name, answer="contacts", **more)
+    again.load(tmp_path)
+    for frames, _ in (unseen, nominal):
+        for one, two in zip(model.predict(frames), again.predict(frames), strict=True):
+            assert np.array_equal(one.xy, two.xy)
+            assert np.array_equal(one.depth, two.depth)
+
+
+def test_one_rest_image_keeps_its_own_pins_and_several_are_seen_on_the_lattice(many):
+    targets = np.ones((300, 3))
+    assert len(rest_images(many[0])) == 5
+    assert type(find_reader(many[0], targets, transfers=False)) is LatticePins
+    frames, _ = single_presses(5, 1)
+    assert len(rest_images(frames)) == 1
+    assert type(find_reader(frames, targets, transfers=False)) is OwnPins

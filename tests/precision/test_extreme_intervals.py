@@ -21,7 +21,6 @@ from tactibench.stats import (
     rate_interval,
     ratio_interval,
     rms_interval,
-    share_interval,
     sign_flip_p,
 )
 
@@ -45,12 +44,6 @@ def test_a_value_that_is_not_finite_is_counted_and_refused(name: str, bad: float
     values[3] = bad
     with pytest.raises(ValueError, match="1 of 8 values are not finite"):
         INTERVALS[name](values)
-
-
-def test_a_share_takes_only_yes_and_no() -> None:
-    for bad in (np.nan, 0.5, 2.0):
-        with pytest.raises(ValueError, match=r"not all 0 or 1|not finite"):
-            share_interval([1.0, bad], [0, 1])
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-300, 1e150])
@@ -77,21 +70,6 @@ def test_resamples_without_a_value_are_counted_not_averaged() -> None:
         return np.where(lost, np.nan, values)
 
     assert bca_interval(half, 8, rng=np.random.default_rng(0)) is None
-
-
-@pytest.mark.parametrize("column", ["xy", "depth", "score", "std"])
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_contacts_hold_finite_numbers_alone(column: str, bad: float) -> None:
-    """So no metric is ever given another: they are refused where they come from."""
-    parts: dict[str, Any] = {
-        "xy": np.zeros((1, 2)),
-        "depth": np.ones(1),
-        "score": np.ones(1),
-        "std": np.ones((1, 3)),
-    }
-    parts[column] = np.full_like(parts[column], bad)
-    with pytest.raises(ValueError, match="not finite"):
-        Contacts(**parts)
 
 
 @pytest.mark.parametrize("far", [0.0, 1e-12, 1e6, 1e150])

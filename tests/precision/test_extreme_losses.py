@@ -11,7 +11,7 @@ import torch
 
 from tactibench import Grid, ModelContext
 from tactibench.plugins import PluginHost
-from tactibench.training import MixtureScale, count_nll, mixture_loss, mixture_values
+from tactibench.training import MixtureScale, mixture_loss, mixture_values
 
 GRID = Grid.centred(16, 1.6)
 HUGE = 1e4
@@ -52,16 +52,6 @@ def test_cross_entropy_of_saturated_logits_is_linear(
     np.testing.assert_allclose(logits.grad.float().numpy(), steep / 16, rtol=0.01, atol=1e-9)
 
 
-def test_losses_take_logits_not_probabilities(models: Any) -> None:
-    """A loss of a rounded sigmoid cannot tell a logit of 50 from one of 100."""
-    heat = torch.zeros(1, 1, 4, 4)
-    near, far = (models["unet"].loss(torch.full_like(heat, x), heat) for x in (50.0, 100.0))
-    assert float(far) == pytest.approx(2 * float(near))
-    p = torch.tensor([[50.0], [100.0]])
-    left, right = count_nll(p, torch.zeros(2))
-    assert torch.isfinite(torch.stack([left, right])).all()
-
-
 @pytest.mark.parametrize("name", ["unet", "cnn", "pins"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_an_output_that_is_not_finite_makes_the_loss_so(models: Any, name: str, bad: float) -> None:
@@ -71,15 +61,6 @@ def test_an_output_that_is_not_finite_makes_the_loss_so(models: Any, name: str, 
     assert math.isfinite(float(models[name].loss(outputs, wanted)))
     outputs[(0,) * len(shape)] = bad
     assert not math.isfinite(float(models[name].loss(outputs, wanted)))
-
-
-@pytest.mark.parametrize("name", ["cnn", "pins"])
-def test_regression_of_huge_outputs_is_finite(models: Any, name: str) -> None:
-    outputs = torch.full((2, 4, 4) if name == "pins" else (2, 4), HUGE, requires_grad=True)
-    loss = models[name].loss(outputs, torch.zeros(2, 3))
-    loss.backward()
-    assert math.isfinite(loss.item())
-    assert torch.isfinite(outputs.grad).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -108,12 +89,6 @@ def test_the_likelihood_of_a_saturated_probability_in_closed_form(logit: float) 
     missed = 0.0 if logit > 0 else 1.0
     count = 0.5 * (missed * 12 + math.log(1 / 12) + math.log(2 * math.pi))
     assert loss == pytest.approx(place + count, rel=1e-5)
-
-
-def test_a_std_that_goes_to_zero_or_infinity_stays_between_its_bounds() -> None:
-    low, high = (mixture_values(raw(value), ANCHORS, SCALE)[2] for value in (-HUGE, HUGE))
-    np.testing.assert_allclose(low.detach(), SCALE.floor_mm, rtol=1e-4)
-    np.testing.assert_allclose(high.detach(), math.exp(4.0), rtol=1e-4)
 
 
 @pytest.mark.parametrize("channel", range(7))

@@ -102,24 +102,3 @@ def test_labelled_presses_of_a_sensor_bring_its_answers_nearer(of_many, unseen, 
 
 def test_one_sensor_teaches_nothing_of_others(fitted, shown):
     assert fitted[0].adapt(*shown) is None
-
-
-@pytest.mark.long  # needs a training on sixteen sensors
-def test_what_sensors_have_in_common_is_kept(of_many, make, unseen, tmp_path):
-    of_many.save(tmp_path)
-    again = make()
-    again.load(tmp_path)
-    for one, other in zip(
-        of_many.predict(unseen[0][:8]), again.predict(unseen[0][:8]), strict=True
-    ):
-        np.testing.assert_allclose(one.xy, other.xy, atol=1e-6)
-        np.testing.assert_allclose(one.std, other.std, atol=1e-6)
-
-
-@pytest.mark.long  # needs a training on sixteen sensors
-def test_frames_of_several_sensors_keep_their_order(of_many, presses, unseen):
-    frames = [*unseen[0][:3], *presses["test"][0][:3]]
-    mixed = [frames[k] for k in (3, 0, 4, 1, 5, 2)]
-    whole = of_many.predict(mixed)
-    for one, frame in zip(whole, mixed, strict=True):
-        np.testing.assert_allclose(one.xy, of_many.predict([frame])[0].xy, atol=1e-9)

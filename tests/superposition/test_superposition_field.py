@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
 from tactibench import UserError
-from tactibench.superposition import FEWEST, MARGIN_MM, PITCH_MM, RIDGES, Field
+from tactibench.superposition import FEWEST, RIDGES, Field
 from tactibench.superposition.field import _best_ridge, _spline
 
 FEW = slice(None, None, 9)  # quantities that are enough, so that learning is quick
@@ -49,21 +49,6 @@ def test_an_analytic_field_is_found_again(known, learned):
     assert rms(off) < 0.01
 
 
-def test_nothing_presses_at_depth_zero(learned):
-    side = np.linspace(-5.5, 5.5, 23)
-    x, y = (axis.ravel() for axis in np.meshgrid(side, side))
-    assert np.abs(learned(np.stack([x, y, 0 * x], axis=1))).max() < 0.01
-
-
-def test_the_lattice_covers_the_presses_and_a_margin(known, learned):
-    contacts = known[0][0]
-    low, high = ends(learned)
-    np.testing.assert_allclose(low, [*(contacts[:, :2].min(axis=0) - MARGIN_MM), 0])
-    np.testing.assert_allclose(high, contacts.max(axis=0) + MARGIN_MM)
-    assert (learned.step <= np.array(PITCH_MM) + 1e-12).all()
-    assert learned.coefficients.dtype == np.float32
-
-
 def test_slopes_are_those_of_the_values(known, learned):
     contacts = known[1][0]
     slopes = learned.slopes(contacts)[:, :, 0]
@@ -94,16 +79,6 @@ def test_values_are_those_of_scipys_spline(learned):
     for q in range(2):
         expected = map_coordinates(lattice[..., q], inside.T, order=3, mode="mirror")
         np.testing.assert_allclose(field(inside)[:, q], expected, atol=1e-5)
-
-
-def test_a_cubic_is_reproduced_inside_the_lattice():
-    """A spline through the values of x (y + d) on 30 knots a side, far from its ends."""
-    x, y, d = np.meshgrid(*[np.arange(30.0)] * 3, indexing="ij")
-    field = Field(_spline((x * (y + d))[..., None]), np.zeros(3), np.ones(3))
-    places = np.random.default_rng(2).uniform(12, 17, (50, 3))
-    x, y, d = places.T
-    found = field.slopes(places)[..., 0, 0]
-    np.testing.assert_allclose(found, np.stack([x * (y + d), y + d, x, x], axis=1), rtol=2e-4)
 
 
 def test_knots_hold_the_kriging_of_scikit_learn(random_contacts, push_pins):
@@ -160,13 +135,6 @@ def test_beyond_the_lattice_its_edge_holds(learned, place, axis, beyond, side):
     outside = edge.copy()
     outside[axis] += (2 * side - 1) * beyond
     np.testing.assert_allclose(learned(outside), learned(edge), atol=1e-6)
-
-
-def test_order_of_presses_hardly_matters(known, learned):
-    # Not at all but for the ridge, which is chosen on every tenth press.
-    (contacts, values), (others, _) = known
-    turned = Field.learn(contacts[::-1], values[::-1])
-    assert rms(turned(others) - learned(others)) < 0.01
 
 
 @pytest.mark.parametrize("count", [0, 1, FEWEST - 1])

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from tactibench import Frame, PlatePose, Pose, UserError
+from tactibench import Frame, Pose, UserError
 from tactibench.markers import PinTracker
-from tactibench.superposition import CLOSEST_MM, FEWEST, MOST, NeighbourLaw, contact_array, mix
+from tactibench.superposition import CLOSEST_MM, FEWEST, NeighbourLaw, contact_array, mix
 from tactibench.superposition.mixing import _unexplained
 
 
@@ -75,21 +75,6 @@ def test_only_rows_of_single_presses_are_read(singles, duals):
     found = mix(watched, truth, 6, np.random.default_rng(3))
     assert watched.read == set(rows)
     assert_same(found, made(in_order(frames, truth, rows), 6))
-
-
-def test_frames_are_pictures_of_the_same_sensor(mixed, singles):
-    for frame in mixed[0]:
-        assert frame.image.dtype == np.uint8
-        assert frame.image.shape == singles[0][0].image.shape
-        assert frame.pose == Pose()
-        np.testing.assert_array_equal(frame.rest, singles[0][0].rest)
-
-
-@pytest.mark.parametrize("count", [0, 1, 7])
-def test_as_many_as_were_asked_for(singles, count):
-    frames, truth = made(singles, count)
-    assert len(frames) == len(truth) == count
-    assert {len(one) for one in truth} <= {2, MOST}
 
 
 def test_two_and_three_are_equally_frequent(singles, monkeypatch):
@@ -165,21 +150,6 @@ def test_a_misfit_is_at_right_angles_to_every_motion_of_the_contacts(field):
     assert np.abs(along / (length * size + 1e-9))[length > 1].max() < 0.01
 
 
-def test_a_misfit_moves_pins_and_leaves_the_truth(singles):
-    none, some = (made(singles, 12, misfit=share) for share in (0.0, 0.3))
-    assert any((a.image != b.image).any() for a, b in zip(none[0], some[0], strict=True))
-    assert {len(one) for one in some[1]} <= {2, MOST}
-
-
-def test_a_colour_sensor_gives_gray_frames_with_a_rest_image_alike(singles):
-    def colour(image):
-        return np.repeat(image[..., None], 3, axis=2)
-
-    frames = [Frame(colour(f.image), 0.0, Pose(), colour(f.rest)) for f in singles[0]]
-    found = mix(frames, singles[1], 4, np.random.default_rng(3))
-    assert_same(found, made(singles, 4))
-
-
 def test_frames_without_a_rest_image_are_refused(singles):
     bare = [Frame(frame.image, 0.0, Pose()) for frame in singles[0]]
     with pytest.raises(UserError, match="rest image"):
@@ -191,12 +161,6 @@ def test_too_few_single_presses_are_refused(singles, duals, count):
     frames, truth = singles[0][:count] + duals[0], singles[1][:count] + duals[1]
     with pytest.raises(UserError, match=f"at least {FEWEST} single presses and found {count}"):
         mix(frames, truth, 4, np.random.default_rng(0))
-
-
-def test_plates_are_refused(singles):
-    truth = [*singles[1][:-1], PlatePose(1.0, 5.0)]
-    with pytest.raises(UserError, match="plate"):
-        mix(singles[0], truth, 4, np.random.default_rng(0))
 
 
 def test_a_range_too_small_for_three_contacts_is_refused(press):

@@ -1,8 +1,12 @@
-"""How pins look: learned from frames whose picture is known, and drawn again."""
+"""How pins look, learned from frames and drawn again, and how sure they are."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from tactibench import Frame, Pose, UserError
+from tactibench.markers import PinTracker
 from tactibench.superposition import PinPicture
 
 GROUND, BRIGHT, SIGMA = 24.0, 150.0, 1.1
@@ -53,18 +57,6 @@ def test_ground_light_and_noise_are_those_of_the_frames(picture):
     np.testing.assert_allclose(*spread, rtol=0.2)
 
 
-def test_the_size_of_a_pin_is_its_light_in_the_window(picture, seen):
-    """Proportional to brightness: two Gaussians multiplied, summed over the plane."""
-    images, pins, brightness = seen
-    size = picture.measure(images[:20], pins[:20])
-    inner = np.hypot(*(pins[0] - 39.5).T) < 30
-    together = 1 / (1 / SIGMA**2 + 1 / 1.5**2)
-    wanted = brightness[:20] * 2 * np.pi * together
-    ratio = size[:, inner] / wanted[:, inner]
-    assert ratio.mean() == pytest.approx(1, abs=0.05)
-    assert ratio.std() < 0.05
-
-
 def test_drawn_frames_have_the_mean_and_the_variance_of_the_real_ones(picture, seen, pins):
     rng = np.random.default_rng(2)
     brightness = np.full(len(pins), BRIGHT)
@@ -106,16 +98,6 @@ def test_a_pin_drawn_elsewhere_has_its_centre_there(picture, pins, shift):
         np.testing.assert_allclose((found - inner).mean(axis=0), 0, atol=0.02)
 
 
-def test_drawing_a_larger_pin_gives_it_that_size(picture, pins):
-    quiet = PinPicture(picture.background, picture.light, picture.sizes, np.zeros(2), picture.reach)
-    inner = np.hypot(*(pins - 39.5).T) < 30
-    for wanted in np.quantile(picture.sizes, [0.1, 0.5, 0.9]):
-        sizes = np.full((1, len(pins)), wanted)
-        image = quiet.draw(pins[None], sizes, np.random.default_rng(0))
-        found = picture.measure(image, pins[None])[0, inner]
-        assert found.mean() == pytest.approx(wanted, rel=0.05)
-
-
 @pytest.mark.parametrize("sigma", [0.0, 1.0, 3.0, 8.0])
 def test_even_noise_is_measured(pins, sigma):
     images, places, _ = frames(pins, 40, np.random.default_rng(4), (sigma**2, 0.0))
@@ -125,34 +107,32 @@ def test_even_noise_is_measured(pins, sigma):
     assert (noise >= 0).all()
 
 
-def test_pins_at_the_edge_and_outside_are_drawn_where_they_show(picture, pins):
-    places = pins.copy()
-    places[:4] = [[0, 0], [79, 79], [-50, 20], [200, 200]]
-    sizes = np.full((1, len(pins)), picture.sizes[0])
-    frame = picture.draw(places[None], sizes, np.random.default_rng(5))[0]
-    assert frame[0, 0] > GROUND + 50
-    assert frame[79, 79] > GROUND + 50
-    assert abs(float(frame[15:26, :4].mean()) - GROUND) < 3
-    gone = picture.measure(frame[None], places[None])[0]
-    assert gone[2] == gone[3] == 0
+@pytest.mark.parametrize("count", [0, 3])
+def test_without_a_rest_image_there_is_no_tracker(singles, count):
+    with pytest.raises(UserError, match="rest image"):
+        PinTracker.of([Frame(frame.image, 0.0, Pose()) for frame in singles[0][:count]])
 
 
-def test_drawing_is_a_matter_of_the_rng(picture, pins):
-    places = np.repeat(pins[None], 3, axis=0)
-    sizes = np.full((3, len(pins)), picture.sizes[3])
-    one, same, other = (
-        picture.draw(places, sizes, np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(one, same)
-    assert (one != other).any()
-    assert (one[0] != one[1]).any(), "every frame has noise of its own"
-    assert picture.draw(places[:0], sizes[:0], np.random.default_rng(1)).shape == (0, 80, 80)
+def test_all_pins_that_were_seen_are_sure(singles, pins):
+    tracker = PinTracker.of(singles[0])
+    images = tracker.images(singles[0][:10])
+    moved, sure = tracker.track(images)
+    np.testing.assert_array_equal(moved, tracker.displacements(images))
+    assert sure.shape == (10, len(pins))
+    assert sure.dtype == np.bool_
+    assert sure.mean() > 0.98
+    assert tracker.pitch == pytest.approx(8.0, abs=0.05)
 
 
-def test_one_frame_is_enough_to_learn_and_few_hundred_are_looked_at(seen):
-    images, pins, _ = seen
-    one = PinPicture.learn(images[:1], pins[:1])
-    assert np.isfinite(one.light).all()
-    assert np.isfinite(one.background).all()
-    same = PinPicture.learn(images, pins)
-    np.testing.assert_array_equal(same.light, PinPicture.learn(images, pins).light)
+@pytest.mark.parametrize("lost", [0, 30, 60])
+def test_around_a_pin_that_is_not_seen_all_are_doubtful(singles, pins, draw_pins, lost):
+    """The lost one and its ring of neighbours at least; those far off are not."""
+    tracker = PinTracker.of(singles[0])
+    image = draw_pins(np.delete(pins, lost, axis=0))
+    moved, sure = tracker.track(np.stack([image, draw_pins(pins)]))
+    here = np.argmin(np.linalg.norm(tracker.rest - pins[lost], axis=1))
+    spacings = np.linalg.norm(tracker.rest - tracker.rest[here], axis=1) / tracker.pitch
+    assert not sure[0, spacings < 1.2].any()
+    assert sure[0, spacings > 3].all()
+    assert sure[1].all()
+    assert np.isfinite(moved).all()

@@ -1,18 +1,27 @@
+"""The training loop: what it learns, its optimiser, the mean of its weights, and how it resumes."""
+
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from state_hash import state_hash
+from torch import nn
 
 from tactibench import UserError
-from tactibench.training import Recipe, Seeds, torch_seed
-
-
-def test_the_same_seed_gives_the_same_bits_and_another_does_not(run):
-    hashes = [state_hash(run(seed=seed)[0]) for seed in (7, 7, 8)]
-    assert hashes[0] == hashes[1]
-    assert hashes[0] != hashes[2]
+from tactibench.training import (
+    Examples,
+    Muon,
+    Recipe,
+    Seeds,
+    average_weights,
+    measure_statistics,
+    orthogonalise,
+)
 
 
 @pytest.mark.parametrize("optimiser", ["adam", "adamw"])
@@ -76,20 +85,6 @@ def test_the_loss_of_an_epoch_is_the_mean_over_frames(run, recorder):
     assert report.history[0]["loss"] == pytest.approx((8 * sum(steps[:3]) + 6 * steps[3]) / 30)
 
 
-def test_at_most_200_validation_frames_are_decoded(run, recipe, make_examples):
-    seen = []
-
-    def error_mm(outputs, rows):
-        seen.append((len(outputs), rows))
-        return 1.0
-
-    run(recipe=replace(recipe, epochs=1), validation=make_examples(450, 3), error_mm=error_mm)
-    ((count, rows),) = seen
-    assert count == len(rows) == 200
-    assert rows[0] == 0
-    assert rows[-1] == 449
-
-
 def test_early_stopping_returns_the_best_weights(run, recipe, make_examples):
     """A rate so high that the loss soon grows: patience ends the training."""
     recipe = replace(
@@ -125,14 +120,6 @@ def test_every_epoch_sees_every_frame_once_in_a_new_order():
     assert seeds.of_epoch(0) != seeds.of_epoch(1)
 
 
-def test_seeded_gives_the_same_layer_twice():
-    weights = []
-    for _ in range(2):
-        with torch_seed(11):
-            weights.append(torch.nn.Linear(3, 3).weight)
-    assert torch.equal(*weights)
-
-
 def test_one_cycle_climbs_to_its_peak_and_falls_to_nothing():
     recipe = Recipe(epochs=1, batch=1, learning_rate=2.0, warmup=0.25)
     rates = [recipe.rate(step, 101) for step in range(101)]
@@ -142,13 +129,6 @@ def test_one_cycle_climbs_to_its_peak_and_falls_to_nothing():
     assert rates[-1] == pytest.approx(2.0 / 1e4)
     assert (np.diff(rates[:25]) > 0).all()
     assert (np.diff(rates[26:]) < 0).all()
-
-
-@pytest.mark.parametrize("steps", [1, 2, 3])
-def test_one_cycle_has_a_rate_for_the_shortest_training(steps):
-    recipe = Recipe(epochs=1, batch=1)
-    rates = [recipe.rate(step, steps) for step in range(steps)]
-    assert all(0 < rate <= recipe.learning_rate for rate in rates)
 
 
 @pytest.mark.parametrize(
@@ -167,6 +147,197 @@ def test_an_impossible_recipe_is_refused(wrong):
         Recipe(**{"epochs": 1, "batch": 1} | wrong)
 
 
-def test_a_users_choices_replace_those_of_the_recipe(recipe):
-    assert recipe.with_choices() == recipe
-    assert recipe.with_choices(9, "bf16") == replace(recipe, epochs=9, precision="bf16")
+def walk(steps, decay):
+    """The mean of a weight that is 1, 2, 3, ... after the steps."""
+    network = nn.Linear(1, 1, bias=False)
+    nn.init.zeros_(network.weight)
+    mean = average_weights(network, decay)
+    for step in range(1, steps + 1):
+        nn.init.constant_(network.weight, float(step))
+        mean.update_parameters(network)
+    return mean.module.weight.item()
+
+
+def test_it_forgets_the_start_and_then_decays_evenly():
+    decay, expected = 0.8, 1.0
+    for step in range(2, 101):
+        kept = min(decay, step / (9 + step))
+        expected = kept * expected + (1 - kept) * step
+    assert abs(walk(100, decay) - expected) < 1e-3
+    assert abs(walk(100, decay) - (100 - decay / (1 - decay))) < 1e-3
+
+
+def test_statistics_come_from_rows_that_stand_for_all():
+    rng = np.random.default_rng(3)
+    depth = rng.permutation(np.linspace(0, 1, 3000)).astype(np.float32)
+    images = torch.zeros(len(depth), 1, 2, 2, dtype=torch.uint8)
+    examples = Examples(images, torch.from_numpy(depth)[:, None])
+    rows = examples.spread_rows(100)
+    assert len(set(rows.tolist())) == 100
+    taken = depth[rows.numpy()]
+    assert abs(taken.mean() - depth.mean()) < 1e-3
+    assert abs(taken.std() - depth.std()) < 1e-2
+    assert sorted(examples.spread_rows(5000).tolist()) == list(range(3000))
+
+
+def test_measured_statistics_are_means_over_the_batches():
+    network = nn.Sequential(nn.BatchNorm2d(1))
+    torch.nn.init.constant_(network[0].running_mean, 7.0)
+    generator = torch.Generator().manual_seed(1)
+    batches = [k + torch.rand(4, 1, 3, 3, generator=generator) for k in range(3)]
+    measure_statistics(network, batches, lambda module, images: module(images))
+    mean = torch.stack([batch.mean() for batch in batches]).mean()
+    variance = torch.stack([batch.var() for batch in batches]).mean()
+    torch.testing.assert_close(network[0].running_mean[0], mean)
+    torch.testing.assert_close(network[0].running_var[0], variance)
+    assert network[0].momentum == 0.1
+
+
+CHECKPOINT = "checkpoint.safetensors"
+
+
+@pytest.mark.parametrize("stop", [{"stop_after_epoch": 1}, {"stop_at_step": 11}])
+@pytest.mark.parametrize("optimiser", ["adam", "adamw", "muon"])
+def test_an_interrupted_training_resumes_to_the_same_bits(
+    run, recipe, recorder, interrupted, tmp_path, stop, optimiser
+):
+    recipe = replace(recipe, optimiser=optimiser, patience=3)
+    undisturbed, whole = run(recipe=recipe)
+    with pytest.raises(interrupted):
+        run(recipe=recipe, checkpoints=tmp_path, progress=recorder(**stop))
+    progress = recorder()
+    resumed, report = run(recipe=recipe, checkpoints=tmp_path, progress=progress)
+    assert report.resumed_from > 0
+    assert "checkpoint" not in report.notes
+    assert state_hash(resumed) == state_hash(undisturbed)
+    without_times = [{**row, "seconds": 0} for row in report.history]
+    assert without_times == [{**row, "seconds": 0} for row in whole.history]
+    assert [epoch for epoch, _, _ in progress.epochs] == [1, 2, 3, 4]
+    assert len(progress.losses) == 4 * (4 - report.resumed_from)
+
+
+def test_bf16_and_channels_last_resume_to_the_same_bits(
+    run, recipe, recorder, interrupted, tmp_path
+):
+    recipe = replace(recipe, precision="bf16", channels_last=True)
+    undisturbed, _ = run(recipe=recipe)
+    with pytest.raises(interrupted):
+        run(recipe=recipe, checkpoints=tmp_path, progress=recorder(stop_after_epoch=2))
+    resumed, report = run(recipe=recipe, checkpoints=tmp_path)
+    assert report.resumed_from == 2
+    assert state_hash(resumed) == state_hash(undisturbed)
+
+
+def test_a_finished_training_is_not_repeated(run, recorder, tmp_path):
+    first, _ = run(checkpoints=tmp_path)
+    progress = recorder()
+    second, report = run(checkpoints=tmp_path, progress=progress)
+    assert progress.losses == []
+    assert report.resumed_from == 4
+    assert state_hash(first) == state_hash(second)
+
+
+def _cut(path):
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+def _flip(path):
+    data = bytearray(path.read_bytes())
+    data[-3] ^= 1
+    path.write_bytes(data)
+
+
+def _replace(path):
+    path.write_bytes(b"not a checkpoint")
+
+
+@pytest.mark.parametrize("damage", [_cut, _flip, _replace, lambda path: path.write_bytes(b"")])
+def test_a_damaged_checkpoint_is_ignored_and_said(run, recorder, interrupted, tmp_path, damage):
+    with pytest.raises(interrupted):
+        run(checkpoints=tmp_path, progress=recorder(stop_after_epoch=2))
+    damage(tmp_path / CHECKPOINT)
+    network, report = run(checkpoints=tmp_path)
+    assert report.resumed_from == 0
+    assert "ignored" in report.notes["checkpoint"]
+    assert state_hash(network) == state_hash(run()[0])
+
+
+@pytest.mark.parametrize("difference", ["seed", "recipe", "identity", "data", "threads"])
+def test_a_checkpoint_of_another_training_is_never_used(
+    run, recipe, make_examples, tmp_path, difference
+):
+    run(checkpoints=tmp_path)
+    changed = {
+        "seed": {"seed": 8},
+        "recipe": {"recipe": replace(recipe, learning_rate=2e-2)},
+        "identity": {"identity": {"model": "tiny", "width": 2}},
+        "data": {"training": make_examples(30, 5)},
+        "threads": {},
+    }[difference]
+    threads = torch.get_num_threads()
+    torch.set_num_threads(threads + 1 if difference == "threads" else threads)
+    try:
+        network, report = run(checkpoints=tmp_path, **changed)
+        assert report.resumed_from == 0
+        assert "another" in report.notes["checkpoint"]
+        assert state_hash(network) == state_hash(run(**changed)[0])
+    finally:
+        torch.set_num_threads(threads)
+
+
+def random(shape, seed=0):
+    return torch.from_numpy(np.random.default_rng(seed).normal(size=shape).astype(np.float32))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(1, 24),
+    st.integers(1, 60),
+    st.floats(1e-6, 1e6),
+    st.integers(0, 100),
+    st.sampled_from([torch.float32, torch.bfloat16]),
+)
+def test_directions_are_kept_and_their_sizes_made_equal(rows, columns, size, seed, dtype):
+    matrix = random((rows, columns), seed) * size
+    u, s, v = torch.linalg.svd(matrix, full_matrices=False)
+    clear = s > 0.05 * s.norm()
+    values = (u.T @ orthogonalise([matrix], dtype)[0] @ v.T).diagonal()[clear]
+    assert ((values > 0.6) & (values < 1.3)).all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_matrices_do_not_mix(dtype):
+    matrices = [random(shape, seed) for seed, shape in enumerate([(12, 40), (20, 12), (16, 16)])]
+    for alone, found in zip(matrices, orthogonalise(matrices, dtype), strict=True):
+        torch.testing.assert_close(found, orthogonalise([alone], dtype)[0], atol=1e-6, rtol=1e-5)
+
+
+def one_step(weight, gradient, lr=0.1, decay=0.0):
+    parameter = torch.nn.Parameter(weight.clone())
+    parameter.grad = gradient
+    Muon([{"params": [parameter], "weight_decay": decay}], lr=lr).step()
+    return parameter.detach()
+
+
+@pytest.mark.parametrize("shape", [(16, 32), (16, 4, 3, 3), (32, 16)])
+def test_a_step_is_as_long_as_adams(shape):
+    step = one_step(torch.zeros(shape), random(shape)) / 0.1
+    assert 0.1 < float(step.square().mean().sqrt()) < 0.3
+
+
+@pytest.mark.parametrize("shape", [(5,), (1, 20), (16, 1, 3, 3), (3, 64)])
+def test_small_weights_step_as_with_adamw(shape):
+    weights = torch.nn.Parameter(random(shape, 1)), torch.nn.Parameter(random(shape, 1))
+    ours = Muon([{"params": [weights[0]], "weight_decay": 0.1}], lr=0.01)
+    theirs = torch.optim.AdamW([weights[1]], lr=0.01, weight_decay=0.1)
+    for seed in range(4):
+        weights[0].grad, weights[1].grad = random(shape, seed), random(shape, seed)
+        ours.step()
+        theirs.step()
+    torch.testing.assert_close(weights[0], weights[1])
+
+
+def test_decay_shrinks_weights_beside_the_step():
+    weight, gradient = random((16, 16), 1), random((16, 16), 2)
+    plain, shrunk = one_step(weight, gradient), one_step(weight, gradient, decay=0.5)
+    torch.testing.assert_close(shrunk - plain, -0.1 * 0.5 * weight)

@@ -71,22 +71,6 @@ def test_weights_come_back(tmp_path):
     assert extra == {"offset": 0.5}
 
 
-@pytest.mark.parametrize(
-    ("asked", "named"),
-    [
-        ({"model": "other", "architecture": {"width": 8}}, "other"),
-        ({"model": "m", "architecture": {"width": 16}}, "width=16"),
-        ({"model": "m", "architecture": {"width": 8, "stem": 2}}, "stem=None"),
-    ],
-)
-def test_foreign_weights_are_refused(tmp_path, asked, named):
-    save_weights(tmp_path, {"w": torch.zeros(1)}, model="m", architecture={"width": 8})
-    with pytest.raises(UserError) as caught:
-        load_weights(tmp_path, **asked)
-    assert named in str(caught.value)
-    assert str(tmp_path) in str(caught.value)
-
-
 def test_missing_damaged_and_old_weights_are_refused(tmp_path):
     ask = {"model": "m", "architecture": {}}
     with pytest.raises(UserError, match="missing"):
@@ -109,15 +93,6 @@ def test_an_image_is_the_same_after_json(image):
     assert other.shape == image.shape
     assert other.dtype == np.uint8
     assert other.flags.writeable
-
-
-def test_parts_of_an_image_are_packed_as_they_look():
-    image = np.arange(60, dtype=np.uint8).reshape(6, 10)[::2, ::-3]
-    assert np.array_equal(unpack_image(pack_image(image)), image)
-
-
-def test_an_image_of_one_level_takes_little_room():
-    assert len(pack_image(np.full((256, 256), 7, np.uint8))) < 200
 
 
 @pytest.mark.parametrize(

@@ -1,30 +1,18 @@
+"""The U-Net: its network, its maps, and where it sees mirrored frames and the sensor at rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from drawn_presses import fit, presses
 from silent import Epochs
 
-from tactibench import Contacts, Grid, ModelContext, PlatePose, UserError
-
-
-def flat(answers):
-    return np.array([[*contacts.xy[0], contacts.depth[0]] for contacts in answers])
-
-
-def test_predict_folds_batch_norm_without_changing_the_maps(trained):
-    frames, _ = presses(4, 5)
-    images = torch.from_numpy(np.stack([frame.image for frame in frames]))[:, None]
-    with torch.inference_mode():
-        plain = trained.outputs(trained.network(images))
-    np.testing.assert_allclose(trained.maps(frames), plain, atol=1e-5)
-
-
-def test_maps_are_float32_probabilities_of_the_grids_shape(trained):
-    maps = trained.maps(presses(3, 5)[0])
-    assert maps.shape == (3, 1, 64, 64)
-    assert maps.dtype == np.float32
-    assert (maps >= 0).all()
-    assert (maps <= 1).all()
+from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
+from tactibench_heatmaps import HertzGaussian, Offsets
+from tactibench_unet import UNet, UNetNetwork
 
 
 def test_the_paper_learns_heat_as_it_is_and_the_default_leaves_the_sigmoid_room(make_model):
@@ -53,11 +41,6 @@ def test_weights_are_read_with_the_headroom_they_were_trained_in(make_model, tra
 def test_every_size_and_stem_gives_maps_on_the_grid(make_model, size, stem):
     model = make_model(size=size, stem=stem)
     assert model.maps(presses(1, 5)[0]).shape == (1, 1, 64, 64)
-
-
-def test_a_grid_that_is_not_square_is_filled(make_model):
-    model = make_model(grid=Grid((32, 48), (-9.4, -6.2), 0.4))
-    assert model.maps(presses(2, 5)[0]).shape == (2, 1, 32, 48)
 
 
 def test_the_published_network_has_four_levels_and_a_bottleneck(make_model):
@@ -91,20 +74,6 @@ def test_every_map_starts_at_its_mean_heat(make_model):
             network.head.weight.zero_()
         maps = network(torch.zeros(1, 1, 64, 64, dtype=torch.uint8)).sigmoid()
         assert torch.allclose(maps, heat.mean().expand_as(maps), atol=1e-5)
-
-
-def test_several_contacts_are_learned_from(make_model):
-    frames, _ = presses(8, 1)
-    truth = [Contacts.truth([[-4, 0], [4, 0]], [2, 3])] * 7 + [Contacts.none()]
-    model = make_model(epochs=1)
-    report = model.fit(
-        frames,
-        truth,
-        validation=(frames[:2], truth[-2:]),
-        rng=np.random.default_rng(0),
-        progress=Epochs(),
-    )
-    assert report.epochs == 1
 
 
 @pytest.mark.long
@@ -149,3 +118,104 @@ def test_what_cannot_work_is_refused_in_a_sentence(make_model):
         make_model().fit(
             [], [], validation=([], []), rng=np.random.default_rng(0), progress=Epochs()
         )
+
+
+GRID = Grid.centred(32, 0.8)
+
+
+def symmetric_frames() -> list[Frame]:
+    rest = np.zeros((64, 64), np.uint8)
+    rest[20:24, 20:24] = rest[20:24, 40:44] = rest[40:44, 20:24] = rest[40:44, 40:44] = 200
+    return [Frame(rest, 0.0, Pose(), rest)]
+
+
+@pytest.mark.parametrize(
+    ("encoder", "options", "wanted"),
+    [
+        (HertzGaussian(), {}, (True, True)),
+        (HertzGaussian(), {"mirror": "never"}, (False, False)),
+        (HertzGaussian(), {"recipe": "paper"}, (False, False)),
+        (HertzGaussian(), {"recipe": "paper", "mirror": "auto"}, (True, True)),
+        (Offsets(), {}, (False, False)),  # its maps hold steps, which change sign
+    ],
+)
+def test_mirrors_where_sensor_encoder_and_recipe_allow(encoder, options, wanted) -> None:
+    model = UNet(ModelContext("contacts", GRID, 6.0, encoder=encoder), size=64, **options)
+    model.prepare(symmetric_frames(), [])
+    assert model.build().mirror == wanted
+
+
+def test_a_lopsided_sensor_or_one_without_a_rest_frame_is_not_mirrored() -> None:
+    model = UNet(ModelContext("contacts", GRID, 6.0, encoder=HertzGaussian()), size=64)
+    lopsided = symmetric_frames()[0].rest.copy()
+    lopsided[20:24, 20:24] = 0
+    model.prepare([Frame(lopsided, 0.0, Pose(), lopsided)], [])
+    assert model.build().mirror == (False, False)
+    model.prepare([Frame(lopsided, 0.0, Pose(), None)], [])
+    assert model.build().mirror == (False, False)
+
+
+def test_outputs_of_mirrored_frames_are_turned_back() -> None:
+    """In training an output is that of the frame or of a mirrored one; then a mean of two."""
+    with torch.random.fork_rng():
+        torch.default_generator.manual_seed(3)
+        network = UNetNetwork(8, 2, (16, 16), 1, mirror=(True, True))
+        frames = torch.randint(0, 255, (1, 1, 32, 32), dtype=torch.uint8)
+        network.eval()
+        possible = [
+            network._logits(frames.flip(axes)).flip(axes) for axes in ((), (-1,), (-2,), (-1, -2))
+        ]
+        answered = network(frames)
+        assert torch.allclose(answered, (possible[0] + possible[3]) / 2, atol=1e-6)
+        network.train()
+        for module in network.modules():
+            if isinstance(module, torch.nn.BatchNorm2d):
+                module.eval()
+        seen: set[int] = set()
+        for _ in range(40):
+            found = network(frames)
+            seen |= {k for k, one in enumerate(possible) if torch.allclose(found, one, atol=1e-6)}
+    assert seen == {0, 1, 2, 3}
+
+
+FLAT = np.full((64, 64), 20, np.uint8)
+
+
+def with_rest(frames, rest=FLAT):
+    return [replace(frame, rest=rest) for frame in frames]
+
+
+def trained(make_model, frames, truth, **options):
+    model = make_model(size=64, epochs=1, **options)
+    rng = np.random.default_rng(0)
+    model.fit(frames, truth, validation=([], []), rng=rng, progress=Epochs())
+    return model
+
+
+@pytest.mark.parametrize(
+    ("options", "seen"),
+    [
+        ({}, 2),
+        ({"rest": "never"}, 1),
+        ({"recipe": "paper"}, 1),
+        ({"recipe": "paper", "rest": "auto"}, 2),
+    ],
+)
+def test_rest_is_shown_where_the_recipe_says_so(make_model, options, seen) -> None:
+    frames, truth = presses(3, 1)
+    model = make_model(size=64, **options)
+    model.prepare(with_rest(frames), truth)
+    assert model.inputs(frames).shape == (3, seen, 64, 64)
+    model.prepare([*with_rest(frames[:2]), frames[2]], truth)  # one frame without
+    assert model.inputs(frames).shape == (3, 1, 64, 64)
+
+
+def test_each_frame_brings_its_own_rest_and_else_the_first_is_taken(make_model):
+    frames, truth = presses(2, 1)
+    model = make_model(size=64)
+    model.prepare(with_rest(frames), truth)
+    colour = np.repeat(np.full((32, 32, 1), 90, np.uint8), 3, axis=2)
+    seen = model.inputs([*with_rest(frames[:1], colour), Frame(frames[1].image, 0.0, Pose())])
+    assert torch.all(seen[0, 1] == 90)
+    assert torch.all(seen[1, 1] == 20)
+    np.testing.assert_array_equal(seen[1, 0].numpy(), frames[1].image)

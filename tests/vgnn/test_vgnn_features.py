@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -37,15 +36,6 @@ def slow_neighbours(edges, count):
     return found
 
 
-def test_inner_pins_of_a_hexagonal_layout_have_the_six_around_them(rest_pins):
-    table = neighbour_table(pin_graph(rest_pins).edges, rest_pins)
-    away = np.linalg.norm(rest_pins[:, None] - rest_pins, axis=-1)
-    expected = [set(np.flatnonzero((row > 0) & (row < 9)).tolist()) for row in away]
-    inner = np.linalg.norm(rest_pins - 31.5, axis=1) < 17
-    for found, around, is_in in zip(partners(table), expected, inner, strict=True):
-        assert (found == around and len(found) == 6) if is_in else found >= around
-
-
 @given(arrays(np.float64, (12, 2), elements=st.floats(0, 60, width=32), unique=True))
 @settings(max_examples=30, deadline=None)
 def test_the_table_holds_the_nearest_partners_of_every_pin(xy):
@@ -61,12 +51,6 @@ def test_the_table_holds_the_nearest_partners_of_every_pin(xy):
                 away[other] >= farthest - 1e-9 for other in possible - found
             )
         assert bool(found) == bool(possible)
-
-
-def test_no_edges_give_nobody():
-    table = neighbour_table(np.empty((0, 2), dtype=np.int64), np.zeros((4, 2)))
-    assert table.shape == (4, NEAREST)
-    assert (table == NO_PIN).all()
 
 
 def test_a_frame_at_rest_has_no_features_but_that_its_pins_are_seen(rest_pins):
@@ -128,14 +112,6 @@ def test_pins_that_coincide_or_lie_on_a_line_give_finite_features(rest_pins, spo
     assert ((table >= NO_PIN) & (table < 37)).all()
 
 
-def test_a_pin_that_was_not_seen_says_so(rest_pins):
-    tracks = tracked(rest_pins, rest_pins)
-    tracks.seen[1, 5] = False
-    features = node_features(tracks, flat(rest_pins), "rest")
-    assert features[1, 5, 4] == 0
-    assert features[..., 4].sum() == 2 * 37 - 1
-
-
 def test_a_picture_of_a_pin_that_grows_says_so_and_an_unknown_one_nothing(rest_pins):
     tracks = tracked(rest_pins, rest_pins)
     tracks.radius[0, 7] *= np.e
@@ -155,12 +131,6 @@ def test_the_size_of_a_pin_that_was_not_seen_is_not_known(rest_pins):
     assert not node_features(tracks, flat(rest_pins), "rest")[..., 3].any()
 
 
-def test_no_frames_give_no_features(rest_pins):
-    empty = Tracks(np.empty((0, 37, 2)), np.empty((0, 37), dtype=bool), np.empty((0, 37)))
-    assert node_features(empty, flat(rest_pins), "rest").shape == (0, 37, NODE)
-    assert node_features(empty, flat(rest_pins), "frame").shape == (0, 37, NODE + NEAREST)
-
-
 def spread_presses(push_pins):
     places = [(x, y) for x in (-4.0, 0.0, 4.0) for y in (-4.0, 0.0, 4.0)]
     truth = [Contacts.truth([[x, y]], [4.0]) for x, y in places]
@@ -176,23 +146,6 @@ def test_the_layout_learns_where_in_mm_its_pins_stand(rest_pins, push_pins):
     away = np.linalg.norm(np.concatenate([c.xy for c in truth])[:, None] - layout.anchors, axis=-1)
     assert (away.min(axis=1) < layout.reach_mm).all()
     assert layout.moved_px == pytest.approx(np.sqrt(((tracks.xy - rest_pins) ** 2).mean()))
-
-
-def test_frames_with_several_contacts_do_not_shift_the_pins(rest_pins, push_pins):
-    tracks, truth = spread_presses(push_pins)
-    more = tracked(*tracks.xy, rest_pins + 3.0)
-    far = [*truth, Contacts.truth([[5.0, 5.0], [-5.0, 5.0]], [1.0, 1.0])]
-    one = PinLayout.learn(tracks, tracked(rest_pins), truth)
-    other = PinLayout.learn(more, tracked(rest_pins), far)
-    assert np.array_equal(one.anchors, other.anchors)
-
-
-def test_the_layout_is_the_same_after_json(rest_pins, push_pins):
-    tracks, truth = spread_presses(push_pins)
-    layout = PinLayout.learn(tracks, tracked(rest_pins), truth)
-    other = PinLayout.from_json(json.loads(json.dumps(layout.to_json())))
-    assert other.to_json() == layout.to_json()
-    assert np.array_equal(other.anchors, layout.anchors)
 
 
 def test_presses_that_move_nothing_are_refused(rest_pins):

@@ -1,11 +1,26 @@
-"""Pins of a sensor on the layout of another: the camera's place and turn are undone."""
+"""Pins and images of a sensor as another sees them: camera, pose and layout are undone."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
+from drawn_pins import hexagon
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tactibench import Frame, Pose, UserError
 from tactibench.frames import FAULTS
-from tactibench.markers import AlignedPins, AlignedSensors, PinTracker, Similarity
+from tactibench.markers import (
+    AlignedImages,
+    AlignedPins,
+    AlignedSensors,
+    Outline,
+    PinTracker,
+    Similarity,
+    common_lattice,
+    common_view,
+    kriging_weights,
+)
 
 SIZE = 200
 
@@ -29,21 +44,6 @@ def test_a_similarity_is_a_turn_a_stretch_and_a_shift():
     np.testing.assert_allclose(view(places), [[101.0, 100.0], [101.0, 120.0]], atol=1e-9)
     np.testing.assert_allclose(view.back(view(places)), places)
     np.testing.assert_allclose(turned().after(view)(places), turned()(view(places)))
-
-
-def test_the_similarity_between_places_is_found_in_noise(layout):
-    noise = 0.01 * np.random.default_rng(0).normal(size=layout.shape)
-    found = Similarity.between(layout, turned()(layout) + noise)
-    np.testing.assert_allclose(found.matrix, turned().matrix, atol=1e-4)
-    np.testing.assert_allclose(found(layout), turned()(layout), atol=0.02)
-
-
-def test_the_layouts_own_sensor_is_seen_as_it_is(layout, pins_of):
-    pins = pins_of(layout)
-    aligned = AlignedPins(pins, pins.rest)
-    images = pins.rest_image[None]
-    np.testing.assert_allclose(aligned.track(images)[0], pins.displacements(images), atol=1e-9)
-    np.testing.assert_allclose(aligned.layout_clues, 0.0, atol=1e-12)
 
 
 def test_a_turned_nearer_camera_sees_the_same_displacements(layout, pins_of, drawn):
@@ -104,12 +104,6 @@ def test_what_is_no_other_light_stays_to_the_last_bit(layout, pins_of, fault, va
     np.testing.assert_array_equal(pins.images([Frame(spoiled, 0.0, Pose())])[0], spoiled)
 
 
-def test_usual_light_stays_to_the_last_bit(layout, pins_of):
-    pins = pins_of(layout)
-    almost = np.rint(1.03 * pins.rest_image).astype(np.uint8)
-    np.testing.assert_array_equal(pins.images([Frame(almost, 0.0, Pose())])[0], almost)
-
-
 @pytest.fixture
 def framed(drawn):
     """A frame of pins of some radius at places (P, 2), with its rest frame."""
@@ -152,9 +146,122 @@ def test_a_pin_that_a_sensor_lacks_stands_at_rest_and_is_not_seen(layout, framed
     np.testing.assert_allclose(np.delete(tracks.xy[0] - rest, lost, axis=0), 2.0, atol=0.06)
 
 
-def test_sensors_without_a_rest_image_begin_with_the_other_frame(layout, framed):
-    frames, still = [framed(layout + 3.0, None)], framed(layout, None)
-    tracks = AlignedSensors.of(frames, still).tracks([still, *frames])
-    np.testing.assert_allclose(tracks.xy[1] - tracks.xy[0], 3.0, atol=0.06)
-    with pytest.raises(UserError, match="no rest image"):
-        AlignedSensors.of(frames)
+SIDE = 120
+
+
+@pytest.fixture
+def small_layout(hexagon):
+    return hexagon(10.2, SIDE)
+
+
+@pytest.fixture
+def draw(drawn):
+    return lambda places, size=SIDE: drawn(places, 2.4 * size / SIDE, size, soft=True)
+
+
+def frame(image, rest):
+    return Frame(image, 0.0, Pose(), rest)
+
+
+def difference(one, other):
+    """Rms grey levels, of two images away from their border."""
+    return np.sqrt(np.square(one[10:-10, 10:-10].astype(float) - other[10:-10, 10:-10]).mean())
+
+
+def test_the_reference_sensor_is_seen_as_it_is(small_layout, draw):
+    rest, pressed = draw(small_layout), draw(small_layout + np.array([1.5, 0.0]))
+    aligned = AlignedImages.of([frame(pressed, rest)], SIDE)
+    seen = aligned([frame(pressed, rest), frame(pressed, rest.copy()), Frame(pressed, 0.0, Pose())])
+    for image, still in seen:
+        np.testing.assert_array_equal(image, pressed)
+        np.testing.assert_array_equal(still, rest)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "stretch", "shift"), [(5, 0.0, (3, -4)), (-2, 0.05, (0, 0)), (15, 0.0, (0, 2))]
+)
+def test_a_remounted_camera_shows_the_same_images(small_layout, draw, degrees, stretch, shift):
+    view = Similarity.of(np.array(shift), np.radians(degrees), stretch, np.full(2, SIDE / 2))
+    moved = small_layout + np.random.default_rng(1).uniform(-1.8, 1.8, small_layout.shape)
+    aligned = AlignedImages(draw(small_layout))
+    ((image, still),) = aligned([frame(draw(view(moved)), draw(view(small_layout)))])
+    assert difference(draw(view(moved)), draw(moved)) > 30
+    # Discs are drawn of one size, whatever the stretch.
+    most = 8 if not stretch else 16
+    assert difference(image, draw(moved)) < most
+    assert difference(still, draw(small_layout)) < most
+
+
+def test_frames_of_another_size_are_seen_at_the_same_place(small_layout, draw):
+    """Pixels' centres are places: the middle of the first pixel of a frame of half the size."""
+    view = Similarity.of(np.array([2.0, 1.0]), np.radians(3), 0.0, np.full(2, SIDE / 2))
+    double = 2 * view(small_layout) + 0.5
+    aligned = AlignedImages(draw(small_layout))
+    ((image, _),) = aligned([frame(draw(double, 2 * SIDE), draw(double, 2 * SIDE))])
+    assert difference(image, draw(small_layout)) < 8
+
+
+def test_there_are_none_where_a_frame_has_no_rest_image(small_layout, draw):
+    image = draw(small_layout)
+    assert AlignedImages.of([frame(image, image), Frame(image, 0.0, Pose())], SIDE) is None
+    assert AlignedImages.of([], SIDE) is None
+    assert AlignedImages.of([frame(image, image)], 50).rest.shape == (50, 50)
+
+
+RING = np.array(
+    [
+        (k * np.cos(a), k * np.sin(a)) if k else (0.0, 0.0)
+        for k in range(11)
+        for a in 2 * np.pi * np.arange(max(1, 6 * k)) / max(1, 6 * k)
+    ]
+)
+"""331 pins in ten rings, radius 10."""
+
+
+def dimple(places):
+    """(P, 2) units: pins flee from a contact, as under a plate."""
+    away = places - [0.1, -0.2]
+    return 0.1 * away * np.exp(-(away**2).sum(axis=1, keepdims=True) / (2 * 0.4**2))
+
+
+def packed(field):
+    return field.T.reshape(1, -1)
+
+
+@given(st.floats(0.7, 1.4), st.floats(20, 200), st.floats(-50, 50))
+def test_an_outline_undoes_an_uneven_resize(uneven, size, shift):
+    stretched = RING * [size, uneven * size] + shift
+    found = Outline.of(stretched)
+    np.testing.assert_allclose(found.centre, shift, atol=1e-6 * size)
+    np.testing.assert_allclose(found.scale, [10 * size, 10 * uneven * size], rtol=1e-9)
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(-1, 1), min_size=6, max_size=6))
+def test_linear_fields_are_carried_exactly(slope):
+    points = common_lattice()
+    matrix, shift = np.array(slope[:4]).reshape(2, 2), np.array(slope[4:])
+    weights = kriging_weights(RING / 10, points)
+    found = weights @ (RING / 10 @ matrix + shift)
+    np.testing.assert_allclose(found, points @ matrix + shift, atol=1e-9)
+
+
+@pytest.mark.parametrize("lost", [0, 12])
+def test_two_layouts_give_one_view_also_without_some_pins(lost):
+    points = common_lattice()
+    found = []
+    for layout, px in ((RING, 13.0), (hexagon(6, 10 / 6, 0.0), 9.0)):
+        keep = np.random.default_rng(0).permutation(len(layout))[lost:]
+        keep = np.union1d(keep, np.argsort(np.hypot(*layout.T))[-6:])
+        rest = layout[np.sort(keep)] * px + [180, 130]
+        moved = 10 * px * dimple((rest - [180, 130]) / (10 * px))
+        found.append(common_view(rest, points)(packed(moved)))
+    np.testing.assert_allclose(found[0], found[1], atol=0.004)  # of a field of 0.024
+    if not lost:
+        np.testing.assert_allclose(found[0], packed(dimple(points)), atol=0.001)
+
+
+def test_pins_on_a_line_and_too_few_are_refused():
+    for rest in (np.column_stack([np.arange(9.0), np.zeros(9)]), RING[:6]):
+        with pytest.raises(UserError, match="outline"):
+            Outline.of(rest)
