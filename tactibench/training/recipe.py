@@ -29,8 +29,8 @@ class Recipe:
             best weights are taken; None to run all epochs and take the last weights.
         precision: Precision of the training arithmetic, "float32" or "bf16".
         channels_last: Whether tensors of convolutions have this memory layout.
-        average: Decay per step of the mean of the weights, which is taken (see module
-            ``averaging``); 0 to take the last weights.
+        average: Decay per step of the mean of the weights, which is taken (see
+            ``average_weights``); 0 to take the last weights.
 
     Raises:
         ValueError: A value allows no training.

@@ -2,13 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tactibench import Contacts, Frame, PlatePose, Pose, UserError, gray_frames
+from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError, gray_frames
+from tactibench.run import NullProgress
 from tactibench_baselines import MeanModel, NearestModel
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20)
+
+
+@pytest.fixture
+def context() -> Callable[[str], ModelContext]:
+    return lambda answer: ModelContext(answer, Grid.centred(64, 0.4), 6.0)
+
+
+@pytest.fixture
+def fitted(context: Any) -> Callable[..., Any]:
+    def fit(kind: Any, frames: Any, truth: Any, answer: str = "contacts", **parameters: Any) -> Any:
+        model = kind(context(answer), **parameters)
+        report = model.fit(
+            frames,
+            truth,
+            validation=([], []),
+            rng=np.random.default_rng(0),
+            progress=NullProgress(),
+        )
+        assert report.notes == {"frames": len(frames)}
+        return model
+
+    return fit
+
 
 BOTH = pytest.mark.parametrize("kind", [MeanModel, NearestModel])
 ANSWERS = pytest.mark.parametrize("answer", ["contacts", "plate"])

@@ -1,10 +1,26 @@
+"""The CNN: when it reports a contact, and what it does with the sensor at rest."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 import torch
 from drawn_presses import presses
 from silent import Epochs
 
-from tactibench import Contacts, Frame, Pose
+from tactibench import Contacts, Frame, Grid, ModelContext, Pose
+
+
+@pytest.fixture(scope="session")
+def make_cnn():
+    from tactibench_cnn import CNN
+
+    def _make(answer="contacts", **parameters):
+        context = ModelContext(answer, Grid.centred(64, 0.4), 6.0)
+        return CNN(context, **{"width": 8, "size": 64, "epochs": 2} | parameters)
+
+    return _make
+
 
 PAPER = {"recipe": "paper"}
 

@@ -117,10 +117,3 @@ def trained(make_mixture, fit):
     model = make_mixture(epochs=30)
     model.report = fit(model, count=192)
     return model
-
-
-@pytest.fixture(scope="session")
-def hasty(make_mixture, fit):
-    model = make_mixture()
-    fit(model)
-    return model

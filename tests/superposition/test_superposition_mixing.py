@@ -8,7 +8,6 @@ import pytest
 from tactibench import Frame, Pose, UserError
 from tactibench.markers import PinTracker
 from tactibench.superposition import CLOSEST_MM, FEWEST, NeighbourLaw, contact_array, mix
-from tactibench.superposition.mixing import _unexplained
 
 
 def made(singles, count=24, seed=3, **more):
@@ -133,21 +132,6 @@ def test_a_law_of_neighbours_moves_the_pins(singles):
     moved = (tracker.displacements(tracker.images(made_frames)) for made_frames, _ in (none, law))
     ways = [np.abs(each).sum(axis=1) for each in moved]
     assert (np.abs(ways[0] - ways[1]) > 0.1).any()
-
-
-def test_a_misfit_is_at_right_angles_to_every_motion_of_the_contacts(field):
-    """Moving them, or pressing deeper, would explain nothing of it: equivalents fit best."""
-    rng = np.random.default_rng(4)
-    contacts = rng.uniform([-5, -5, 1], [5, 5, 4], (30, 2, 3))
-    low, high = np.array([-5.0, -5, 1]), np.array([5.0, 5, 4])
-    errors = _unexplained(field, contacts, 0.3, low, high, rng)
-    slopes = field.slopes(contacts)[:, :, 1:].reshape(30, 6, -1)
-    moved = errors.shape[1] * 2 // 3
-    along = np.einsum("nkq,nq->nk", slopes[..., :moved], errors[:, :moved])
-    length = np.linalg.norm(slopes[..., :moved], axis=2)
-    size = np.linalg.norm(errors[:, :moved], axis=1, keepdims=True)
-    assert np.median(size) > 0.1
-    assert np.abs(along / (length * size + 1e-9))[length > 1].max() < 0.01
 
 
 def test_frames_without_a_rest_image_are_refused(singles):

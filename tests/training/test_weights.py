@@ -41,20 +41,6 @@ def test_a_container_returns_tensors_and_header(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_failed_write_keeps_the_old_file_and_leaves_nothing(tmp_path, monkeypatch):
-    write_container(tmp_path / "file", {"a": torch.zeros(1)}, 1)
-
-    def full(_descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_container(tmp_path / "file", {"a": torch.ones(1)}, 2)
-    monkeypatch.undo()
-    assert read_container(tmp_path / "file")[1] == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
 def test_a_changed_header_is_noticed(tmp_path):
     path = tmp_path / "file"
     write_container(path, {"a": torch.zeros(1)}, {"width": 16})

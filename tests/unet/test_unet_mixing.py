@@ -12,10 +12,7 @@ from silent import Epochs
 
 import tactibench.superposition
 from tactibench import Contacts, Grid, UserError
-from tactibench.plugins import PluginHost
 from tactibench_unet import UNetNetwork, disturb, least_share
-
-SPEC = PluginHost().models["unet"]
 
 
 @pytest.fixture

@@ -59,10 +59,3 @@ def fit():
         return report, progress
 
     return _fit
-
-
-@pytest.fixture(scope="session")
-def trained(make_vgnn, fit):
-    model = make_vgnn()
-    fit(model)
-    return model
