@@ -260,7 +260,7 @@ def test_a_black_frame_is_answered_or_refused(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "epochs"), [("cnn", 8), ("mixture", 20), ("vgnn", 8)])
+@pytest.mark.parametrize(("name", "epochs"), [("cnn", 8), ("vgnn", 8)])
 def test_plates_with_labels_of_any_sign_are_read(name: str, epochs: int) -> None:
     """Labels from -3 to 0 mm, as a robot's z."""
     short = other_subject(name, epochs=str(epochs))
@@ -271,9 +271,8 @@ def test_plates_with_labels_of_any_sign_are_read(name: str, epochs: int) -> None
     pairs = [(p, t) for p, t in zip(model.predict(frames), truth, strict=True) if p is not None]
     assert len(pairs) > 20
     assert all(isinstance(pose, PlatePose) for pose, _ in pairs)
-    off = np.array([[pose.depth - true.depth, pose.tilt - true.tilt] for pose, true in pairs])
-    assert abs(np.median(off[:, 0])) < 1.0
-    assert np.abs(off[:, 1]).mean() < 4.5  # the mean answer is 9 degrees off
+    assert np.mean([abs(pose.depth - true.depth) for pose, true in pairs]) < 0.8
+    assert np.median([pose.depth for pose, _ in pairs]) < 0
 
 
 @pytest.mark.long
