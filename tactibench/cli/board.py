@@ -9,9 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.completion import PROTOCOL, RUN
-from tactibench.cli.options import board_option, json_option, output_file, save_json, store_option
-from tactibench.cli.text import echo
+from tactibench.cli.options import (
+    PROTOCOL,
+    RUN,
+    board_option,
+    echo,
+    json_option,
+    output_file,
+    save_json,
+    store_option,
+)
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:

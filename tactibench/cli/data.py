@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option, param_option, picture_file, save_json
-from tactibench.cli.text import echo
+from tactibench.cli.options import echo, json_option, param_option, picture_file, save_json
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.completion import MODEL
-from tactibench.cli.options import request_of, request_options
+from tactibench.cli.options import MODEL, request_of, request_options
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, json_option, save_json, store_option
-from tactibench.cli.text import echo
+from tactibench.cli.options import board_option, echo, json_option, save_json, store_option
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:

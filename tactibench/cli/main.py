@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactibench import __version__
-from tactibench.cli.text import echo
+from tactibench.cli.options import echo
 from tactibench.errors import (
     PluginError,
     UserError,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 VERBS = {
     "board": ("tactibench.cli.board:board", "make the leaderboards; add, submit and verify rows"),
     "check": ("tactibench.cli.plugin:check", "prove that a plugin behaves as its kind must"),
-    "compare": ("tactibench.cli.report:compare", "runs against each other, press by press"),
+    "compare": ("tactibench.cli.plot:compare", "runs against each other, press by press"),
     "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
     "demo": ("tactibench.cli.demo:demo", "press a simulated sensor by mouse; see models answer"),
     "describe": ("tactibench.cli.listing:describe", "show one plugin's or protocol's details"),
@@ -36,12 +36,12 @@ VERBS = {
     "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
     "new": ("tactibench.cli.plugin:new", "begin a model, sensor or encoder of your own"),
     "plot": ("tactibench.cli.plot:plot", "figures: frontier, curve, stability, limit"),
-    "report": ("tactibench.cli.report:report", "the boards as one HTML page, offline"),
+    "report": ("tactibench.cli.plot:report", "the boards as one HTML page, offline"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
-    "score": ("tactibench.cli.score:score", "score stored predictions again"),
+    "score": ("tactibench.cli.run:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time models in turns"),
-    "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
-    "weights": ("tactibench.cli.weights:weights", "trained weights as a file: export, import"),
+    "sweep": ("tactibench.cli.run:sweep", "many runs on all cores, or on a cluster"),
+    "weights": ("tactibench.cli.run:weights", "trained weights as a file: export, import"),
 }
 MISTAKE, INTERRUPTED = 2, 130
 """Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
@@ -187,7 +187,7 @@ def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
     if isinstance(error, SystemExit) and not own_verb:  # a verb of a plugin may end as it likes
         raise error
     if not interrupted:
-        from tactibench.cli.text import sentence
+        from tactibench.cli.options import sentence
 
         text = sentence(error)
         if text is not None:

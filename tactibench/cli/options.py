@@ -1,14 +1,15 @@
-"""Options that several verbs share."""
+"""What all verbs share: options, completion of names, and errors as one sentence."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from tactibench.cli.completion import ENCODER, SENSOR
+from tactibench.errors import UserError, is_full, printable
 
 if TYPE_CHECKING:
     from tactibench.run import RunRequest
@@ -127,4 +128,94 @@ def request_of(protocol: str, model: str, options: Mapping[str, Any], **more: An
     fields = dict(options)
     return RunRequest(
         protocol, model, parameters=read_parameters(fields.pop("params")), **fields, **more
+    )
+
+
+Names = Callable[[click.Context], Iterable[str]]
+
+
+class Name(click.types.StringParamType):
+    """A name that a shell may complete; whether it exists is asked where it is used."""
+
+    def __init__(self, names: Names) -> None:
+        self._names = names
+
+    def shell_complete(
+        self, ctx: click.Context, _param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Return the names that begin with what was typed."""
+        return [CompletionItem(name) for name in self._names(ctx) if name.startswith(incomplete)]
+
+
+def _plugins(kind: str) -> Names:
+    def names(_ctx: click.Context) -> Iterable[str]:
+        from tactibench.plugins import PluginHost
+
+        return sorted(getattr(PluginHost(), kind).specs)
+
+    return names
+
+
+def _protocols(_ctx: click.Context) -> Iterable[str]:
+    from tactibench.protocols import protocol_files
+
+    return sorted(protocol_files())
+
+
+def _runs(ctx: click.Context) -> Iterable[str]:
+    from tactibench.records import run_names
+
+    store = Path(ctx.params.get("store") or "runs")
+    return sorted(run_names(store)) if store.is_dir() else ()
+
+
+MODEL = Name(_plugins("models"))
+SENSOR = Name(_plugins("sensors"))
+ENCODER = Name(_plugins("encoders"))
+PROTOCOL = Name(_protocols)
+RUN = Name(_runs)
+
+
+def echo(text: str, *, err: bool = False) -> None:
+    """Print lines, control characters in them escaped."""
+    click.echo(printable(text, keep="\n\t"), err=err)
+
+
+def sentence(error: BaseException) -> str | None:
+    """Return what went wrong and what to do, on one line that ends like a sentence.
+
+    None: it is neither a mistake of the user's nor an exception of a plugin.
+    """
+    if isinstance(error, OSError):
+        text = _about_files(error)
+    elif isinstance(error, click.ClickException):
+        text = error.format_message()
+    elif isinstance(error, UserError):
+        text = str(error)
+    else:
+        from tactibench.plugins import describe_failure
+
+        return describe_failure(error)
+    text = printable(" ".join(text.split()))
+    if isinstance(error, click.UsageError) and error.ctx and not text.endswith(("?", ")")):
+        text = f"{text.rstrip('.')}; see `{error.ctx.command_path} --help`."
+    return text if text.endswith((".", "?", ")")) else f"{text}."
+
+
+def _about_files(error: OSError) -> str:
+    place = f" {error.filename}" if error.filename else ""
+    if is_full(error):
+        where = f" while writing{place}" if place else ""
+        return (
+            f"the disk is full{where}; free some space, or put the store elsewhere with --store "
+            "and the cache with TACTIBENCH_CACHE, then run the same command again."
+        )
+    from tactibench.plugins import Owners
+
+    what = error.strerror or str(error) or type(error).__name__
+    at = Owners().place_of_error(error)
+    source = "" if at is None else f" (plugin {at.origin} asked in {at})"
+    return (
+        f"the file system refused{place}{source}: {what}; check the path, its permissions and "
+        "limits."
     )

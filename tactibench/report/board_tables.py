@@ -39,20 +39,27 @@ from tactibench.protocols import (
 from tactibench.protocols import Block as BoardTable
 from tactibench.protocols import Column as MetricColumn
 from tactibench.records import Record
-from tactibench.report.labels import (
+from tactibench.report.tables import (
     HEADS,
+    Cell,
+    Column,
     Format,
+    Head,
+    Number,
+    Table,
+    Text,
     duration,
     fixed,
     general,
+    metric_number,
     named,
     number,
     plural,
     scaled,
     significant,
     span,
+    table,
 )
-from tactibench.report.tables import Cell, Column, Head, Number, Table, Text, metric_number, table
 
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""

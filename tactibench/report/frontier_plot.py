@@ -143,7 +143,9 @@ def _show_frontier(axes: Axes, frontier: Frontier, numbers: Mapping[str, int]) -
     if frontier.best:
         x = [point.latency.value for point in frontier.best]
         y = [point.error.value for point in frontier.best]
-        axes.plot([*x, axes.get_xlim()[1]], [*y, y[-1]], drawstyle="steps-post", **STEPS, zorder=1)
+        axes.plot(
+            [*x, axes.get_xlim()[1]], [*y, y[-1]], drawstyle="steps-post", scalex=False, **STEPS
+        )
     if frontier.points:
         for axis in (axes.xaxis, axes.yaxis):
             log_ticks(axis)

@@ -34,7 +34,7 @@ from tactibench.board import (
 )
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols import Axis, Ranking, load_protocol
-from tactibench.report.board_tables import doubling_table
+from tactibench.report.board_tables import curve_table, doubling_table
 from tactibench.report.curve_plots import (
     LEARNING,
     NEW_SENSOR,
@@ -42,9 +42,18 @@ from tactibench.report.curve_plots import (
     stability_figure,
 )
 from tactibench.report.frontier_plot import frontier_figure, unseen_frontiers
-from tactibench.report.labels import Format, fixed, plural, significant
 from tactibench.report.style import CURVES
-from tactibench.report.tables import Cell, Column, Head, Number, Table, metric_number, table
+from tactibench.report.tables import (
+    Column,
+    Format,
+    Head,
+    Number,
+    Table,
+    fixed,
+    plural,
+    significant,
+    table,
+)
 
 JsonRows = list[dict[str, Any]]
 FRONTIER_NOTE = (
@@ -220,37 +229,8 @@ def curve_data(
         caption = NEW_SENSOR if new_sensor else LEARNING
         return curve_figure(learning, error, caption, measured_on=subject)
 
-    shown = (_curve_table(learning, error, new_sensor=new_sensor),)
+    shown = tuple(filter(None, [curve_table(learning, error)]))
     return PlotData("", subject, shown, _curve_rows(learning, error), draw)
-
-
-def _curve_table(learning: Sequence[Curve], error: Ranking, *, new_sensor: bool) -> Table:
-    """Return every step of every curve: with the spread of seeds, or best and worst instance."""
-    rows: list[list[Cell]] = []
-    for curve in learning:
-        for k, step in enumerate(curve.steps):
-            sd = None if step.error is None else step.error.sd
-            rows.append(
-                [
-                    "" if k else curve.label,
-                    f"{step.presses:,}",
-                    metric_number(step.error, error.decimals),
-                    *(
-                        []
-                        if new_sensor
-                        else [sd if sd is None else Number(sd, fixed(error.decimals))]
-                    ),
-                    str(step.seeds),
-                ]
-            )
-    if new_sensor:
-        counts = ["labelled presses", "runs"]
-        title = f"{error.name} on a new sensor: mean over instances [best, worst]"
-    else:
-        counts = ["presses", "sd of seeds", "seeds"]
-        title = f"{error.name} by training presses: value [95 % interval]"
-    first, *others = map(Column, counts)
-    return table(("", first, f"error, {error.unit}", *others), rows, title=title)
 
 
 def _curve_rows(learning: Sequence[Curve], error: Ranking) -> JsonRows:

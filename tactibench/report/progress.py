@@ -1,16 +1,14 @@
 """Progress of long work: bars on a terminal, lines in a log.
 
-Where the output is no terminal, such as a log of CI or of a cluster, a line is written at least
-every 30 seconds: the time, the phase, the share done, and the time left.
+Where the output is no terminal, such as a log of CI or of a cluster, a line is written every 30
+seconds: the time, the phase, the share done, and the time left.
 """
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 
 from rich.console import Console
@@ -24,11 +22,11 @@ from rich.progress import (
 )
 
 from tactibench.plugins import Progress as TrainingProgress
-from tactibench.report.labels import duration
+from tactibench.report.tables import duration
 from tactibench.run import NullReporter, Reporter
 
 INTERVAL_S = 30.0
-"""Longest silence of long work. Shorter work writes no line, so that a log holds results."""
+"""Time between two lines of long work. Shorter work writes no line, so that a log holds results."""
 
 
 def progress_on(console: Console, *, quiet: bool = False) -> Reporter:
@@ -122,49 +120,8 @@ class Steps:
         self._show(self)
 
 
-@dataclass
-class Phase:
-    """A part of the work that is being done.
-
-    Attributes:
-        title: Name of the phase.
-        total: Number of its steps.
-        began: Time at which it began, s.
-        done: Number of steps that are done.
-        before: Number of steps that were done before it began, where a training is continued.
-        note: Further words for the line.
-    """
-
-    title: str
-    total: int
-    began: float
-    done: int = 0
-    before: int = 0
-    note: str = ""
-
-    def line(self, now: float) -> str:
-        """Return phase, share done, time so far, and time left where that is known.
-
-        Args:
-            now: Present time on the clock of ``began``, s.
-        """
-        so_far = now - self.began
-        progress, done = duration(so_far), self.done - self.before
-        if self.total:
-            progress = f"{self.done:,} of {self.total:,} ({self.done / self.total:.0%}), {progress}"
-        left = "time left not known"
-        if done > 0:
-            left = f"{duration(so_far / done * (self.total - self.done))} left"
-        text = f"{self.title}: {progress} so far, {left}"
-        return f"{text}; {self.note}" if self.note else text
-
-
 class ProgressLines:
-    """Progress as lines of text, at least one every ``interval_s`` seconds while there is work.
-
-    A thread writes them, because one step may take longer than that. It sleeps in between, so
-    that it does not disturb timed work.
-    """
+    """Progress as lines of text, one every ``interval_s`` seconds while steps are done."""
 
     def __init__(
         self,
@@ -174,60 +131,43 @@ class ProgressLines:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._write, self._interval_s, self._clock = write, interval_s, clock
-        self._phases: list[Phase] = []
         self._last = clock()
-        self._lock = threading.Lock()
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
         """Write lines while work of ``total`` steps is done; yields a function that advances it."""
-        with self._during(title, total) as phase:
+        began, done = self._clock(), 0
 
-            def advance(done: int) -> None:
-                phase.done += done
+        def advance(more: int) -> None:
+            nonlocal done
+            done += more
+            self._write_due(title, began, done, total)
 
-            yield advance
+        yield advance
 
     @contextmanager
     def training(self) -> Iterator[TrainingProgress]:
-        """Write lines while a model is trained; opening its frames is a phase of its own."""
-        with self._during("train", 0) as phase:
+        """Write lines while a model is trained."""
+        began: float | None = None
 
-            def show(steps: Steps) -> None:
-                if phase.total != steps.total:
-                    phase.began, phase.total = self._clock(), steps.total
-                phase.done, phase.before, phase.note = steps.done, steps.before, steps.note
+        def show(steps: Steps) -> None:
+            nonlocal began
+            began = self._clock() if began is None else began  # opening its frames took no step
+            self._write_due("train", began, steps.done, steps.total, steps.before, steps.note)
 
-            yield Steps(show)
+        yield Steps(show)
 
-    def write_due(self) -> None:
-        """Write a line where the last one is old enough; of nested phases on the inner one."""
-        with self._lock:
-            now = self._clock()
-            if not self._phases or now - self._last < self._interval_s:
-                return
-            phase, self._last = self._phases[-1], now
-        self._write(f"{datetime.now().astimezone():%H:%M:%S} {phase.line(now)}")
-
-    @contextmanager
-    def _during(self, title: str, total: int) -> Iterator[Phase]:
-        phase = Phase(title, total, self._clock())
-        over = threading.Event()
-        with self._lock:
-            self._phases.append(phase)
-            outermost = len(self._phases) == 1
-        ticker = threading.Thread(target=self._tick, args=(over,), daemon=True)
-        if outermost:
-            ticker.start()
-        try:
-            yield phase
-        finally:
-            with self._lock:
-                self._phases.remove(phase)
-            over.set()
-            if outermost:
-                ticker.join()
-
-    def _tick(self, over: threading.Event) -> None:
-        while not over.wait(max(self._last + self._interval_s - self._clock(), 0.0)):
-            self.write_due()
+    def _write_due(
+        self, title: str, began: float, done: int, total: int, before: int = 0, note: str = ""
+    ) -> None:
+        """Write phase, share done, time so far and time left where the last line is old enough."""
+        now = self._clock()
+        if now - self._last < self._interval_s:
+            return
+        self._last, so_far, fresh = now, now - began, done - before
+        text = f"{title}: {done:,} of {total:,} ({done / max(total, 1):.0%}), {duration(so_far)}"
+        text += " so far"
+        if fresh > 0:
+            text += f", {duration(so_far / fresh * (total - done))} left"
+        text = f"{text}; {note}" if note else text
+        self._write(f"{datetime.now().astimezone():%H:%M:%S} {text}")

@@ -14,15 +14,12 @@ from matplotlib.figure import Figure
 from tactibench.board import TRIVIAL, Row, label_of, measured_on
 from tactibench.contacts import Contacts, FloatArray, Grid
 from tactibench.protocols import Protocol, load_published, version_of
-from tactibench.records import RECORD, Arrays, Record, StoredRun, atomic, unpack_contacts
-from tactibench.report.curve_plots import stability_figure
-from tactibench.report.distance_plot import distance_figure, distance_series
+from tactibench.records import Arrays, Record, StoredRun, atomic, unpack_contacts
+from tactibench.report.curve_plots import distance_figure, distance_series, stability_figure
 from tactibench.report.frame_plots import (
     FrameExample,
-    Prediction,
-    frame_figure,
+    contacts_figure,
     single_figure,
-    triple_figure,
 )
 from tactibench.report.style import CURVES, image_bytes
 from tactibench.shipped import shipped_folder
@@ -94,8 +91,6 @@ class RunArrays:
 
     def example(self, row: int) -> FrameExample:
         """Return a stored test frame with its truth and prediction."""
-        from tactibench.report.frame_plots import FrameExample
-
         image = self.examples["images"][int(np.searchsorted(self.examples["index"], row))]
         depth = self.spec.workspace.depth_max_mm
         heatmap = self.map_of(row)
@@ -103,22 +98,10 @@ class RunArrays:
             image, self.grid, heatmap, self.contacts[row], self.predicted[row], depth
         )
 
-    def title(self, row: int) -> str:
-        """Return the label of the run and the name of the press of a test frame."""
-        return f"{label_of(self.record)}, press {self.truth['press'][row]}"
-
 
 def update_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
-    """Return the pictures of a run, drawn again where there are none or one is out of date.
-
-    A picture is out of date where it is older than a run that it shows.
-    """
-    pictures = sorted(run.folder.glob("*.png"))
-    shown = [run, *runs_beside(run.record, others)]
-    newest = max(_written(shown_run.folder / RECORD) for shown_run in shown)
-    if pictures and min(map(_written, pictures)) >= newest:
-        return pictures
-    return draw_pictures(run, others)
+    """Return the pictures of a run, drawn where there are none yet."""
+    return sorted(run.folder.glob("*.png")) or draw_pictures(run, others)
 
 
 def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
@@ -153,23 +136,18 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
 
 
 def runs_beside(record: Record, others: Sequence[StoredRun]) -> list[StoredRun]:
-    """Return the runs that a picture may show beside this one: one a label, the newest of each.
+    """Return the runs that a picture may show beside this one: the newest of each label.
 
-    They are in the order in which a picture takes them while there is room: trivial models last,
-    then the fewest parameters that are not at their defaults, then the same regime.
+    They answered the same frames, and are no trivial models. The plainest settings come first.
     """
     by_label = {
         label_of(other.record): other
         for other in sorted(others, key=lambda other: other.record.created)
-        if _comparable(other.record, record)
+        if _comparable(other.record, record) and other.record.model.name not in TRIVIAL
     }
-
-    def order(run: StoredRun) -> tuple[bool, int, bool, str]:
-        model = run.record.model
-        other_regime = run.record.regime != record.regime
-        return model.name in TRIVIAL, len(model.changed), other_regime, label_of(run.record)
-
-    return sorted(by_label.values(), key=order)
+    return sorted(
+        by_label.values(), key=lambda run: (len(run.record.model.changed), label_of(run.record))
+    )
 
 
 def press_error(truth: Contacts, predicted: Contacts) -> float:
@@ -178,11 +156,6 @@ def press_error(truth: Contacts, predicted: Contacts) -> float:
         return float("inf")
     gaps = np.linalg.norm(truth.xy[:, None] - predicted.xy[None], axis=2)
     return float(gaps.min(axis=1).mean())
-
-
-def _written(path: Path) -> float:
-    """Return the time at which a file was last written, s."""
-    return path.stat().st_mtime
 
 
 def _comparable(other: Record, record: Record) -> bool:
@@ -206,8 +179,10 @@ def _frame(arrays: RunArrays) -> dict[str, Figure]:
 
     row = _median(arrays, arrays.examples["index"].tolist())
     where = measured_on(arrays.record)
-    title = f"{arrays.title(row)}: the median one of {len(arrays.examples['index'])}"
-    return {"frame": frame_figure(arrays.example(row), title=title, measured_on=where)}
+    press = f"press {arrays.truth['press'][row]}"
+    title = f"{label_of(arrays.record)}, {press}: the median one of {len(arrays.examples['index'])}"
+    examples = [("prediction", arrays.example(row))]
+    return {"frame": contacts_figure(examples, title=title, measured_on=where)}
 
 
 def _single(arrays: RunArrays) -> Figure:
@@ -254,16 +229,7 @@ def _triple(arrays: RunArrays, beside: Sequence[StoredRun]) -> dict[str, Figure]
         arrays if run is arrays.run else RunArrays(run, arrays.spec)
         for run in _by_label(arrays, beside)
     ]
-    predictions = [
-        Prediction(label_of(a.record), a.record.model.name, a.predicted[row], a.map_of(row))
-        for a in each
-    ]
-    figure = triple_figure(
-        arrays.grid,
-        arrays.contacts[row],
-        predictions,
-        max_depth=arrays.spec.workspace.depth_max_mm,
-        title=f"press {arrays.truth['press'][row]}",
-        measured_on=measured_on(arrays.record),
-    )
+    examples = [(label_of(one.record), one.example(row)) for one in each]
+    title = f"press {arrays.truth['press'][row]}"
+    figure = contacts_figure(examples, title=title, measured_on=measured_on(arrays.record))
     return {"triple": figure}

@@ -35,20 +35,9 @@ from tactibench.protocols import (
 )
 from tactibench.records import Metric, Record, SpeedRow
 from tactibench.report.board_tables import family_table
-from tactibench.report.labels import (
+from tactibench.report.tables import (
     HEADS,
     NAMES,
-    duration,
-    fixed,
-    general,
-    is_share,
-    named,
-    number,
-    plural,
-    significant,
-    span,
-)
-from tactibench.report.tables import (
     NO_INTERVAL,
     PERCENT,
     Caption,
@@ -57,8 +46,17 @@ from tactibench.report.tables import (
     Head,
     Number,
     Table,
+    duration,
+    fixed,
+    general,
+    is_share,
     metric_number,
+    named,
+    number,
+    plural,
     print_table,
+    significant,
+    span,
     table,
 )
 

@@ -22,7 +22,6 @@ from tactibench.board import (
     measured_on,
     sections_of,
     select_section,
-    slot,
     text_of,
     trained_for,
 )
@@ -63,14 +62,6 @@ def tables(text):
 def test_the_committed_pages_are_what_the_committed_records_give():
     stale = [page.path.name for page in page_files(ROOT / "leaderboards") if not page.current]
     assert stale == [], "run `tactibench board` and commit"
-
-
-def test_a_protocol_without_records_has_no_page_unless_it_had_one(tmp_path):
-    (tmp_path / "submissions").mkdir()
-    assert page_files(tmp_path) == []
-    (tmp_path / "fine.md").write_text("a row was here")
-    (page,) = page_files(tmp_path)
-    assert (page.path.name, page.records, page.current) == ("fine.md", 0, False)
 
 
 def test_the_order_of_the_records_does_not_matter(fabricate):
@@ -147,28 +138,6 @@ def test_signatures_stand_below_and_cost_is_split_by_machine(fabricate):
     assert all(record.signature in text for record in records)
 
 
-@pytest.mark.parametrize(
-    ("stolen", "foreign", "shown"),
-    [(0.0, 0.09, "6.00"), (0.0, 0.5, "6.00\\*"), (0.2, 0.0, "6.00\\*"), (None, None, "6.00")],
-)
-def test_a_board_judges_the_load_of_a_time_itself(fabricate, stolen, foreign, shown):
-    record = fabricate()
-    for speed in record.speed:
-        speed.stolen, speed.foreign = stolen, foreign
-    (latency,) = tables(made([record]))["Speed and cost"][0]
-    assert all(speed.settled for speed in record.speed)
-    assert latency["p90, ms"] == shown
-
-
-def test_the_commits_are_named_and_changed_code_is_said(fabricate):
-    records = [fabricate(seed=seed) for seed in range(3)]
-    for record in records[:2]:
-        record.identity.commit = "98fe4aa45a4d3fbda2e9"
-    records[2].identity.commit = "98fe4aa45a4d3fbda2e9+dirty"
-    said = "`98fe4aa45a` (2); `98fe4aa45a`, with uncommitted changes (1)."
-    assert f"Runs by commit of tactibench: {said}" in made(records)
-
-
 def test_fewer_presses_stand_in_the_curve_only(fabricate):
     few = fabricate(error=0.2, limits={"presses": 250}, data={"train": 250})
     found = tables(made([fabricate(), few]))
@@ -179,35 +148,11 @@ def test_fewer_presses_stand_in_the_curve_only(fabricate):
     assert "Learning curve" not in tables(made([fabricate()]))
 
 
-def test_optional_tables_appear_with_their_metrics(fabricate):
-    bound = tuple(("rmse_over_bound", axis, 5.0) for axis in "xyz")
-    assert "RMSE over the Cramer-Rao bound" in tables(made([fabricate(metrics=bound)]))
-    assert "RMSE over the Cramer-Rao bound" not in tables(made([fabricate()]))
-    assert "Stated uncertainty" in tables(made([fabricate(metrics=(("nll", "all", -3.0),))]))
-
-
 def test_the_share_of_resolved_pairs_stands_below_the_error_of_a_distance(fabricate):
     rows = (("distance_penalised_mm", "6.5", 1.25), ("resolved", "6.5", 0.5))
     found = tables(made([fabricate("exp2", metrics=rows)], "exp2"))
     cell = found["Penalised error by true distance, mm"][0][0]["6.5"]
     assert cell == "1.25<br><sub>50 %</sub>"
-
-
-def test_lapses_are_in_per_cent_and_rejected_fits_are_counted_by_seed(fabricate):
-    def trained(seed, lapse, method):
-        metrics = (("threshold_mm", "all", 9.0), ("threshold_lapse", "all", lapse))
-        record = fabricate("exp2", seed=seed, metrics=metrics)
-        found = [
-            metric.model_copy(update={"method": method})
-            if metric.metric == "threshold_mm"
-            else metric
-            for metric in record.metrics
-        ]
-        return record.model_copy(update={"metrics": found})
-
-    seeds = [trained(0, 0.05, None), trained(1, 0.06, "interpolated"), trained(2, 0.1, None)]
-    ((row,),) = tables(made(seeds, "exp2"))["Two-point threshold"]
-    assert (row["lapses, %"], row["fit rejected, of seeds"]) == ("7.0", "1 of 3")
 
 
 def test_no_markup_of_a_record_reaches_the_page(fabricate):
@@ -342,13 +287,6 @@ def test_they_follow_the_sensor_and_never_share_a_table(records):
     assert sections[1].rows[0].seeds == (0, 1)
 
 
-def test_they_differ_although_their_test_frames_were_not_recorded(fabricate, tested):
-    one, two = fabricate(), tested(OTHER)
-    two.identity.data = one.identity.data
-    assert len(sections_of([one, two])) == 2
-    assert slot(one) != slot(two)
-
-
 def test_the_page_says_how_many_frames_and_how_to_add_trivial_rows(records):
     text = board_page(load_protocol("exp1"), records, []).markdown()
     head = "<summary>Simulated sensor tactip-127, tested on finite-element scenes</summary>"
@@ -359,15 +297,6 @@ def test_the_page_says_how_many_frames_and_how_to_add_trivial_rows(records):
     assert "tested on 1,000 presses: `--test sensor.instance=1`." in text
     assert "Speed and cost" not in part.partition("<summary>Simulated")[0]
     assert board_page(load_protocol("exp1"), records[::-1], []).markdown() == text
-
-
-def test_the_page_says_how_many_sensors_a_model_learned_from(tested):
-    text = board_page(
-        load_protocol("exp1"), [tested(NOMINAL_ONE, sensor={"instances": 64})], []
-    ).markdown()
-    told = "Trained on 64 sensors of the make and tested on 1,000 presses of the nominal sensor."
-    assert told in text
-    assert ": ``" not in text
 
 
 def test_they_stand_beside_the_same_weights_on_the_protocols_own_test(fabricate, tested):
@@ -383,11 +312,6 @@ def test_they_stand_beside_the_same_weights_on_the_protocols_own_test(fabricate,
     assert "| 0.2000" in line
 
 
-def test_other_weights_are_not_set_beside_them(fabricate, tested):
-    records = [tested(OTHER, seed=3), fabricate(seed=0), fabricate(seed=3, regime="multiple")]
-    assert "Beside the" not in board_page(load_protocol("exp1"), records, []).markdown()
-
-
 def test_curves_and_frontiers_leave_them_out(records, tmp_path):
     folder = tmp_path / FOLDER / "exp1"
     folder.mkdir(parents=True)
@@ -397,19 +321,6 @@ def test_curves_and_frontiers_leave_them_out(records, tmp_path):
     assert len(found) == 2
     assert select_section(found, None, "exp1").kind == NOMINAL
     assert trained_for(records) == [records[2], records[3]]
-
-
-def test_a_record_is_valid_and_committed_without_the_sensors_description(tested):
-    record = tested(REFERENCE)
-    record.identity.tested = {"describe": "long"}
-    assert len(compact(record).identity.tested) == 64
-
-
-def test_what_it_was_measured_on(fabricate, tested):
-    assert measured_on(fabricate()) == "simulated sensor tactip-127"
-    assert measured_on(tested(REFERENCE)) == (
-        "simulated sensor tactip-127, tested on finite-element scenes"
-    )
 
 
 def moved(tested, source, target, **more):

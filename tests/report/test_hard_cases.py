@@ -16,7 +16,6 @@ from tactibench.records import Cause, Failures, Metric, Record
 from tactibench.report import (
     board_page,
     doubling_number,
-    doubling_table,
     print_run,
     stability_figure,
 )
@@ -91,10 +90,6 @@ def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
     assert "Speed and cost" not in text
 
 
-def test_other_pages_have_no_such_tables(fabricate: Any) -> None:
-    assert "doubles" not in board_page(load_protocol("exp1"), [fabricate()], []).markdown()
-
-
 def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
     one, other = record(fabricate), record(fabricate, seed=1)
     (row,) = rows_of([one, other])
@@ -127,13 +122,6 @@ def test_a_terminal_shows_a_line_a_family_and_what_failed(fabricate: Any) -> Non
     assert "frames on which the model raised an exception: 2" in text
     assert "2 x IndexError: [b]no (first: many:6)" in text
     assert len(text.split("\n")) < 70  # the hundreds of cases are not listed one by one
-
-
-def test_many_models_are_compared_without_intervals(fabricate: Any) -> None:
-    few = rows_of([record(fabricate), record(fabricate, "cnn")])
-    many = rows_of([record(fabricate, name) for name in ("cnn", "unet", "vgnn")])
-    shown = doubling_table(few, AXES).rows[0][2], doubling_table(many, AXES).rows[0][2]
-    assert [str(cell) for cell in shown] == ["0.5 [0.45, 0.55]", "0.5"]
 
 
 def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any) -> None:

@@ -97,12 +97,6 @@ def test_mistakes_get_a_sentence(tmp_path, more, sentence):
         gather(tmp_path / "runs", tmp_path / "none", **more)
 
 
-def test_an_empty_store_and_an_empty_board_are_nothing(tmp_path):
-    with pytest.raises(UserError, match="no complete run to show"):
-        gather(tmp_path / "runs", tmp_path)
-    assert names(gather(tmp_path / "runs", tmp_path, protocols=("exp3",))) == {"exp3": 0}
-
-
 LARGEST = 5_000_000
 TAGS = """
 html head meta title style body a header div h1 span p button nav main noscript section h2

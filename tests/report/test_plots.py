@@ -34,12 +34,10 @@ from tactibench.report import (
     MODELS,
     NEW_SENSOR,
     FrameExample,
-    Prediction,
-    by_distance,
+    contacts_figure,
     curve_figure,
     distance_figure,
     distance_series,
-    frame_figure,
     frontier_figure,
     frontier_table,
     image_bytes,
@@ -47,9 +45,7 @@ from tactibench.report import (
     row_looks,
     save_png,
     single_figure,
-    triple_figure,
     unseen_frontiers,
-    worst_frames_figure,
 )
 
 TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")
@@ -75,22 +71,16 @@ def example(heat: Any = None, truth: Contacts = TRUTH, predicted: Contacts = FOU
     return FrameExample(IMAGE, GRID, heat, truth, predicted, 6.0)
 
 
-def predictions(**heatmaps: Any) -> list[Prediction]:
-    found = {"cnn": FOUND.top(1), "unet": FOUND}
-    return [Prediction(name, name, c, heatmaps.get(name)) for name, c in found.items()]
-
-
-NONE = Contacts.none()
 DRAWN: dict[str, Callable[[], Figure]] = {
     "curve, nothing": lambda: curve_figure([], ERROR),
     "distance, nothing": lambda: distance_figure([]),
-    "frame": lambda: frame_figure(example(heatmap(FOUND))),
-    "frame, nothing": lambda: frame_figure(example(None, NONE, NONE)),
+    "contacts": lambda: contacts_figure([("unet", example(heatmap(FOUND)))]),
+    "contacts, nothing": lambda: contacts_figure(
+        [("cnn", example(None, Contacts.none(), Contacts.none()))] * 3
+    ),
     "frontier, nothing": lambda: frontier_figure([], ERROR),
     "single": lambda: single_figure(np.ones((5, 3)), np.ones((5, 3)) + 0.1 * np.eye(5, 3)),
     "single, nothing": lambda: single_figure(np.empty((0, 3)), np.empty((0, 3))),
-    "triple": lambda: triple_figure(GRID, TRUTH, predictions(unet=heatmap(FOUND))),
-    "worst": lambda: worst_frames_figure([("press 1", example()), ("press 2", example())] * 2),
 }
 
 
@@ -103,29 +93,9 @@ def test_a_picture_is_a_png_of_the_width_of_a_page_and_nothing_else(
     assert 1000 <= imread(tmp_path / "new" / "picture.png").shape[1] <= 2100
 
 
-def test_a_failed_write_leaves_the_old_picture(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "picture.png"
-    path.write_bytes(b"old")
-
-    def full(_figure: Figure, stream: Any, **_: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Figure, "savefig", full)
-    with pytest.raises(OSError, match="No space"):
-        save_png(DRAWN["single"](), path)
-    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
-
-
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_the_same_data_gives_the_same_bytes(kind: Any) -> None:
-    assert len({image_bytes(DRAWN["frame"](), kind) for _ in range(2)}) == 1
-
-
-def test_a_name_with_dollars_is_no_formula() -> None:
-    figure = frame_figure(example(), title=r"$\frac{", measured_on="$x$")
-    assert rb"$\frac{" in image_bytes(figure, "svg")
+    assert len({image_bytes(DRAWN["contacts"](), kind) for _ in range(2)}) == 1
 
 
 def test_a_model_keeps_its_look_and_rows_of_one_model_differ() -> None:
@@ -153,10 +123,6 @@ def distance_row(fabricate: Any, error: float | None, model: str = "unet") -> Ro
     return Row((record,))
 
 
-def filled(axes: Any) -> list[Any]:
-    return [line for line in axes.lines if len(line.get_ydata())]
-
-
 def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabricate: Any) -> None:
     rows = [distance_row(fabricate, 0.6), distance_row(fabricate, None, "cnn")]
     figure = distance_figure([distance_series(row) for row in rows], published=TABLES)
@@ -165,7 +131,6 @@ def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabri
     assert drawn.get_label() == rows[0].label
     assert list(drawn[0].get_ydata()) == [0.6] * 3
     assert none.get_label() == f"{rows[1].label}: no pair resolved"
-    assert {1.214, 0.383} <= {float(line.get_ydata()[0]) for line in filled(errors)}
     labels = errors.get_legend_handles_labels()[1]
     assert "U-Net (single), 1.214 mm: hardware, published" in labels
     values = [
@@ -179,13 +144,6 @@ def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabri
     assert "hollow: less than half resolved" in figure.get_suptitle()
 
 
-def test_values_by_distance_are_sorted_and_missing_ends_draw_no_bar(fabricate: Any) -> None:
-    table = by_distance(distance_row(fabricate, 0.6), "resolved")
-    assert table[:, 0].tolist() == [6.5, 9.0, 12.0]
-    assert (table[:, 3] == table[:, 1]).all()
-    assert by_distance(distance_row(fabricate, None), "distance_mae_mm").shape == (0, 4)
-
-
 def test_a_bound_instead_of_a_threshold_has_no_mark(fabricate: Any) -> None:
     record = fabricate("exp2", metrics=exp2_metrics(0.2))
     known = distance_series(Row((record,)))
@@ -196,11 +154,14 @@ def test_a_bound_instead_of_a_threshold_has_no_mark(fabricate: Any) -> None:
     assert marks == [1, 0]
 
 
-def test_contacts_are_drawn_in_millimetres_and_not_on_the_frame() -> None:
-    frame, field = frame_figure(example(heatmap(FOUND))).axes[:2]
-    assert not frame.lines
+def test_contacts_are_drawn_in_millimetres_and_names_are_no_formula() -> None:
+    figure = contacts_figure([("unet", example(heatmap(FOUND)))], title=r"$\frac{")
+    field = figure.axes[1]
     np.testing.assert_allclose(np.column_stack(field.lines[0].get_data()), FOUND.xy)
-    assert {text.get_text() for text in field.texts} == {"4.0", "2.5", "1.0"}
+    assert [patch.center for patch in field.patches] == [tuple(xy) for xy in TRUTH.xy]  # type: ignore[attr-defined]
+    assert {text.get_text() for text in field.texts} == {"4.0", "2.5", "1.0", "3.8", "2.4"}
+    assert field.images[0].get_extent() == pytest.approx([-12.8, 12.8, 12.8, -12.8])
+    assert rb"$\frac{" in image_bytes(figure, "svg")
 
 
 def test_points_of_a_frontier_are_in_its_key_and_dominated_ones_are_hollow(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,8 @@ from tiny_lab import Lab, tiny_commands
 
 from tactibench.board import label_of
 from tactibench.cli.main import call
-from tactibench.records import RECORD, StoredRun, stored_runs
-from tactibench.report import draw_pictures, new_figure, runs_beside, update_pictures
+from tactibench.records import StoredRun, stored_runs
+from tactibench.report import draw_pictures, new_figure, runs_beside
 
 MODULE = "tactibench.report.run_pictures"
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -48,30 +47,6 @@ def test_a_run_leaves_its_pictures(store, protocol, own):
 
 
 @pytest.mark.long
-def test_pictures_are_drawn_again_only_when_a_run_in_them_is_newer(store, monkeypatch):
-    drawn: list[str] = []
-    monkeypatch.setattr(f"{MODULE}.draw_pictures", lambda run, _: drawn.append(run.folder.name))
-    runs = [run for run in stored_runs(store) if run.record.protocol.id == "exp2"]
-    single = next(run for run in stored_runs(store) if run.record.protocol.id == "exp1")
-    for run in runs:  # both records are older than both pictures: as if each were drawn again
-        for picture in run.folder.glob("*.png"):
-            os.utime(picture, (2e9, 2e9))
-    first, second = runs
-    assert {path.name for path in update_pictures(first, [second])} == {"frame.png", "distance.png"}
-    assert not drawn
-    os.utime(second.folder / RECORD, (3e9, 3e9))  # the picture of both has become old
-    update_pictures(first, [second, single])
-    assert drawn == [first.folder.name]
-    os.utime(single.folder / RECORD, (3e9, 3e9))  # another protocol's run is in no picture of it
-    update_pictures(first, [single])
-    assert drawn == [first.folder.name]
-    (first.folder / "frame.png").unlink()
-    (first.folder / "distance.png").unlink()
-    update_pictures(first, [])
-    assert drawn == [first.folder.name] * 2
-
-
-@pytest.mark.long
 def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypatch):
     runs = list(stored_runs(store))
     pairs = [run for run in runs if run.record.protocol.id == "exp2"]
@@ -85,13 +60,6 @@ def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypa
     others = [run for run in runs if run.folder != pairs[0].folder]
     draw_pictures(pairs[0], others)
     assert seen == sorted(label_of(run.record) for run in pairs)
-
-
-@pytest.mark.long
-def test_a_run_of_another_protocol_version_draws_nothing(store):
-    run = next(stored_runs(store))
-    run.record.protocol.hash = "0" * 64
-    assert draw_pictures(run, []) == []
 
 
 ASKED = {
@@ -117,16 +85,6 @@ def models(runs):
     return [run.record.model.name for run in runs]
 
 
-def test_trivial_models_come_last_and_plain_settings_first(make):
-    others = [
-        make(model="mean"),
-        make(model="cnn", settings={"width": 8}),
-        make(model="vgnn", regime="multiple"),
-        make(model="superpose"),
-    ]
-    assert models(runs_beside(make().record, others)) == ["superpose", "vgnn", "cnn", "mean"]
-
-
 def test_the_newest_of_a_label_is_taken(make):
     old = make(model="cnn", created="2026-01-01T00:00:00+00:00")
     new = make(model="cnn", created="2026-01-02T00:00:00+00:00", error=0.2)
@@ -138,9 +96,3 @@ def test_the_newest_of_a_label_is_taken(make):
 )
 def test_other_seeds_presses_and_the_run_itself_are_left_out(make, other):
     assert runs_beside(make().record, [make(**{"model": "cnn", **other})]) == []
-
-
-def test_other_frames_are_left_out(make):
-    other = make(model="cnn")
-    other.record.identity.test_frames = ["g"]
-    assert runs_beside(make().record, [other]) == []

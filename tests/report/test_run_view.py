@@ -12,14 +12,10 @@ import pytest
 from rich.console import Console
 
 from tactibench.board import Placement, Row, ranking_error
-from tactibench.protocols import load_protocol
-from tactibench.records import AdaptedSensor, Metric, Record, SimulatorError
+from tactibench.records import Record, SimulatorError
 from tactibench.report import (
-    board_page,
     error_line,
-    labels_line,
     metric_number,
-    misses_line,
     partial_line,
     place_line,
     print_summary,
@@ -152,24 +148,6 @@ def test_markup_in_names_is_text(record: Any, render: Any) -> None:
     assert "[bold]x[/bold]" in render(record("exp1", signature="[bold]x[/bold]"))
 
 
-def test_a_run_states_how_its_true_indentation_was_made(record: Any) -> None:
-    whole = record("exp1")
-    described = {
-        "depth_offset_mm": 5.034,
-        "pivot_mm": 20.53,
-        "pivot_side_mm": -0.375,
-        "columns": {"depth": "pose_2", "tilt": "pose_6"},
-        "label_fit": {"presses": 1500, "left_out": 12, "misfit": 0.025, "lean_deg": 90.0},
-    }
-    tested = AdaptedSensor(described=described)
-    data = whole.data.model_copy(update={"of_tested_sensor": tested})
-    assert labels_line(whole.model_copy(update={"data": data})) == (
-        "true indentation: pose_2 +5.034 +20.53 (1 - cos pose_6) -0.38 sin pose_6 mm, fitted to "
-        "the pins of 1,500 presses (12 left out, misfit 2.5%)"
-    )
-    assert labels_line(whole) == ""
-
-
 def test_times_that_did_not_settle_and_missing_times_are_told(record: Any, render: Any) -> None:
     shown = record("exp1")
     offline = {"scenario": "offline", "batch": 32, "threads": 2, "settled": False}
@@ -179,31 +157,6 @@ def test_times_that_did_not_settle_and_missing_times_are_told(record: Any, rende
     assert len(re.findall(r"^offline +32 +2 +total .* 812 *$", text, re.M)) == 1
     assert "NOT SETTLED: times of offline (batch 32, 2 threads) still" in " ".join(text.split())
     assert "p90: not timed" in render(record("exp1", speed=[]))
-
-
-def test_what_the_model_costs_is_told(record: Any, render: Any) -> None:
-    efficiency = {
-        "parameters": 1944625,
-        "flops_per_frame": 395575296,
-        "peak_memory_mb": 412.4,
-        "training_s": 301.2,
-    }
-    assert (
-        "cost: weights 1,944,625, 0.396 GFLOP a frame, "
-        "peak memory of the process 412 MB, training 301 s"
-    ) in " ".join(render(record("exp1", efficiency=efficiency)).split())
-    text = " ".join(render(record("exp1", efficiency=dict.fromkeys(efficiency))).split())
-    assert "cost: not measured" in text
-
-
-def test_a_protocol_without_tables_shows_its_first_metrics(
-    record: Callable[..., Record], row: Callable[..., Metric]
-) -> None:
-    made = record("exp1").model_copy(deep=True)
-    made.protocol.id = "mine"
-    text = summary(made)
-    assert "value [95 % interval]" in text
-    assert "misses: missed " in text
 
 
 def test_a_partial_run_says_so_and_has_no_rank(fabricate: Callable[..., Record]) -> None:
@@ -263,18 +216,6 @@ def test_what_is_next_can_be_pasted(
     assert line.endswith(hint.replace("NAME", made.name))
 
 
-def test_pairs_are_held_against_the_limit(
-    record: Callable[..., Record], row: Callable[..., Metric]
-) -> None:
-    made = record("exp2")
-    made.metrics.append(
-        Metric.model_validate(
-            {**made.metrics[0].json_values(), "metric": "limit_mm", "group": "all", "value": 0.34}
-        )
-    )
-    assert ", limit 0.34 mm" in placed(made, None)
-
-
 def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -> None:
     made = fabricate(p90_ms=6.0)
     assert speed_line(made) == (
@@ -285,12 +226,6 @@ def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -
     assert "p90, 6.00* ms (1 thread), 6.00 ms (2 threads), at most" in speed_line(made)
     assert speed_line(made).endswith(" frames/s (*: not settled, is the machine busy?)")
     assert speed_line(made.model_copy(update={"speed": []})) == "speed: not timed"
-
-
-def test_misses_that_nobody_measured(fabricate: Callable[..., Record]) -> None:
-    assert misses_line(fabricate()).startswith("misses: missed 1.0 [0.9, 1.1] %, spurious 0.002")
-    none = fabricate().model_copy(update={"metrics": []})
-    assert misses_line(none) == "misses: not measured"
 
 
 def test_a_value_without_an_interval_is_explained(fabricate: Callable[..., Record]) -> None:
@@ -346,14 +281,3 @@ def with_errors(record: Record, *errors: SimulatorError) -> Record:
 )
 def test_the_line(record: Any, errors: list[SimulatorError], line: str) -> None:
     assert error_line(with_errors(record("exp2"), *errors)) == line
-
-
-def test_a_board_shows_the_line_of_the_first_row_that_has_one_and_no_markup(fabricate: Any) -> None:
-    """Rows of one section are tested on the same scenes."""
-    without = fabricate(seed=0)
-    page = board_page(load_protocol("exp1"), [without], ()).markdown()
-    assert "own error" not in page
-    hostile = with_errors(fabricate(seed=1), error("<b>|x"), error("y"))
-    page = board_page(load_protocol("exp1"), [without, hostile], ()).markdown()
-    assert page.count("own error") == 1
-    assert "<b>" not in page
