@@ -191,12 +191,11 @@ class Line:
 
 
 @click.command()
-@click.option("--data", type=click.Path(path_type=Path), help="Also check a folder of frames.")
 @click.pass_context
-def doctor(ctx: click.Context, data: Path | None) -> None:
+def doctor(ctx: click.Context) -> None:
     """Check packages, cache, plugins and protocols. Exit code 1 when something is wrong."""
     problems = 0
-    for line in _check_all(data):
+    for line in _check_all():
         problems += not line.ok
         echo(f"{line.heading if line.ok else 'broken':<10}{line.text}")
     if problems:
@@ -205,7 +204,7 @@ def doctor(ctx: click.Context, data: Path | None) -> None:
     echo("all is well")
 
 
-def _check_all(data: Path | None) -> Iterator[Line]:
+def _check_all() -> Iterator[Line]:
     from tactibench.plugins import PluginHost
 
     host = PluginHost()
@@ -215,8 +214,6 @@ def _check_all(data: Path | None) -> Iterator[Line]:
     yield from _check_plugins(host)
     yield from _check_targets(host)
     yield from _check_protocols()
-    if data is not None:
-        yield _check_folder(data, host)
 
 
 def _check_machine() -> Iterator[Line]:
@@ -296,20 +293,3 @@ def _check_protocols() -> Iterator[Line]:
             yield Line("protocol", f"{read_protocol(path).label}: ok")
         except UserError as error:
             yield Line("protocol", str(error), ok=False)
-
-
-def _check_folder(data: Path, host: PluginHost) -> Line:
-    import numpy as np
-
-    from tactibench.plugins import SensorContext
-
-    try:
-        sensor = host.sensors["recorded"].load()(SensorContext(np.random.SeedSequence(0), data))
-    except UserError as error:
-        return Line("data", str(error), ok=False)
-    facts = sensor.describe()
-    shape, unit = (
-        (facts["signal"], "channels") if sensor.signal == "channels" else (facts["image"], "px")
-    )
-    size = f"{'x'.join(map(str, shape))} {unit}"
-    return Line("data", f"{data}: {facts['count']:,} frames of {size}: ok")

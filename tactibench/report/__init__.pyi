@@ -71,7 +71,6 @@ from .run_pictures import runs_beside as runs_beside
 from .run_pictures import update_pictures as update_pictures
 from .run_view import board_words as board_words
 from .run_view import error_line as error_line
-from .run_view import labels_line as labels_line
 from .run_view import misses_line as misses_line
 from .run_view import partial_line as partial_line
 from .run_view import place_line as place_line

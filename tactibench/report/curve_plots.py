@@ -136,8 +136,6 @@ def stability_figure(
 ) -> Figure:
     """Draw a panel for every family with an easy case; the values are evenly spaced.
 
-    A vertical tick on the curve marks the value at which the error doubles.
-
     Args:
         rows: The models, in the order of the legend.
         axes: Axes of the families.
@@ -159,7 +157,7 @@ def stability_figure(
         line[0].set_ylabel("error, mm", fontsize=9)
     handles, labels = panels.flat[0].get_legend_handles_labels()
     legend_below(figure, 4, handles, labels)
-    notes = "bars: 95 % over presses; hollow: a tenth of the contacts missed, or more; |: doubled"
+    notes = "bars: 95 % over presses; hollow: a tenth of the contacts missed, or more"
     headline(figure, title, measured_on, notes)
     return figure
 
@@ -208,24 +206,7 @@ def _show_curve(axes: Axes, family: FamilyErrors, shift: float, label: str, look
     missed = [case.missed is not None and case.missed.value >= TENTH for _, case, _ in drawn]
     for place, value in ((a, b) for a, b, few in zip(x, y, missed, strict=True) if few):
         axes.plot(place, value, linestyle="none", markerfacecolor="white", zorder=3, **marks)
-    doubles = family.doubles
-    if doubles is not None and not doubles.censored and family.axis.ordered and len(drawn) > 1:
-        place = _on_axis(doubles.value, [case.value for case in family.cases])
-        tick: dict[str, Any] = {"markersize": 9, "markeredgewidth": 1.4, "color": look.color}
-        height = _log_between(place, x - shift, y)
-        axes.plot(place + shift, height, marker="|", linestyle="none", **tick)
     return len(drawn)
-
-
-def _log_between(x: float, at: Any, y: Any) -> float:
-    """Return the height on the straight line that a logarithmic axis shows between two points."""
-    return float(np.exp(np.interp(x, at, np.log(y))))
-
-
-def _on_axis(value: float, values: Sequence[float]) -> float:
-    """Return the place of a value between evenly spaced values, rising or falling."""
-    order = np.argsort(values)
-    return float(np.interp(value, np.array(values)[order], np.arange(len(values))[order]))
 
 
 DODGE_MM = 0.05

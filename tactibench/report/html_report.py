@@ -392,8 +392,7 @@ def _all_panels(part: PageSection, board: ReportBoard) -> Iterator[Panel]:
     if axes:
         yield Panel(
             "Error case by case",
-            "Every panel is a family, from the easy case on the left to the hardest on the right. "
-            "A tick marks where the error is twice that of the easy case.",
+            "Every panel is a family, from the easy case on the left to the hardest on the right.",
             _options(
                 rows, partial(stability_figure, axes=axes, title="", measured_on=where), "png"
             ),

@@ -23,7 +23,6 @@ from tactibench.board import (
 )
 from tactibench.metrics import condition
 from tactibench.protocols import (
-    UNTOUCHED,
     Axis,
     BoardSpec,
     PublishedRow,
@@ -81,8 +80,6 @@ TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
 """Decimals of the list of further metrics, by unit; 3 for every other unit."""
-MOST_SETS = 3
-"""Most sets of test frames whose simulator error is said one by one; hard cases have thirty."""
 
 
 def print_summary(
@@ -259,7 +256,7 @@ def print_run(
     for shown in main:
         console.print()
         print_table(console, shown)
-    for line in filter(None, (error_line(record), labels_line(record))):
+    if line := error_line(record):
         console.print(Text(line))
     for note in filter(None, (spec.note, *_comparability(record, published))):
         console.print(Text(note, style="dim"))
@@ -311,22 +308,6 @@ def _print_heading(console: Console, record: Record) -> None:
     if (prior := prior_of(record)) not in ("none", NOT_STATED):
         console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
     _print_warning(console, record)
-
-
-def labels_line(record: Record) -> str:
-    """Return how the true indentation follows from the labels; "" where nothing was fitted."""
-    adapted = record.data.of_tested_sensor
-    described = {} if adapted is None else adapted.described
-    if "label_fit" not in described:
-        return ""
-    fit, columns = described["label_fit"], described.get("columns", {})
-    depth, tilt = columns.get("depth", "depth label"), columns.get("tilt", "tilt label")
-    return (
-        f"true indentation: {depth} {described['depth_offset_mm']:+.3f} "
-        f"{described['pivot_mm']:+.2f} (1 - cos {tilt}) "
-        f"{described.get('pivot_side_mm', 0.0):+.2f} sin {tilt} mm, fitted to the pins of "
-        f"{fit['presses']:,} presses ({fit['left_out']:,} left out, misfit {fit['misfit']:.1%})"
-    )
 
 
 def _main_table(run_table: RunTable, record: Record, published: Sequence[PublishedTable]) -> Table:
@@ -429,29 +410,12 @@ def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> b
     return not hard or (metric.group == "all" and metric.metric not in TOTALS)
 
 
-def _under_faults(record: Record) -> str:
-    """Return the false contacts in empty frames under faults; "" where none was tested."""
-    all_faults = record.metric(FALSE, UNTOUCHED)
-    if all_faults is None:
-        return ""
-    shares = (
-        f"{m.group.partition(':')[2]} {number(m.value, 1)}"
-        for m in record.metrics
-        if m.metric == FALSE and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
-    )
-    return (
-        f"  each under a fault: {metric_number(all_faults, 1, interval=True)} ({', '.join(shares)})"
-    )
-
-
 def _totals(record: Record) -> Iterator[str]:
     totals = {m.metric: m for m in record.metrics if m.group == "all"}
     for name, decimals in TOTALS.items():
         total = metric_number(totals.get(name), decimals, interval=decimals > 0)
         if total is not None:
             yield f"{NAMES[name]}: {total}"
-        if name == FALSE and (line := _under_faults(record)):
-            yield line
     failures = record.data.failures
     for cause in () if failures is None else failures.causes:
         yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"
@@ -606,25 +570,9 @@ def error_line(record: Record) -> str:
     title = "simulator's own error at a pin"
     if not known:
         return f"{title}: not known" if errors else ""
-    if len(errors) <= MOST_SETS:
-        parts = [
-            f"{error.name if len(errors) > 1 else ''} median {error.median_mm:.3f}, "
-            f"95 % {error.p95_mm:.3f}, at most {error.max_mm:.3f} mm".strip()
-            + _unknown(error.unknown, error.scenes)
-            for error in known
-        ]
-        parts += [f"{error.name} not known" for error in errors if error not in known]
-        return f"{title}, against finite elements: {'; '.join(parts)}"
-    medians = [error.median_mm or 0.0 for error in known]
+    medians = sorted({f"{error.median_mm:.3f}" for error in known})
+    ends = " to ".join(dict.fromkeys((medians[0], medians[-1])))
     largest = max(error.max_mm or 0.0 for error in known)
-    unknown, scenes = sum(error.unknown for error in errors), sum(e.scenes for e in errors)
-    ends = sorted({f"{min(medians):.3f}", f"{max(medians):.3f}"})
-    return (
-        f"{title}, against finite elements: median {' to '.join(ends)} mm"
-        f"{' by family' if len(ends) > 1 else ''}, at most {largest:.3f} mm"
-        f"{_unknown(unknown, scenes)}"
-    )
-
-
-def _unknown(unknown: int, scenes: int) -> str:
-    return f" (not known for {unknown:,} of {scenes:,} scenes)" if unknown else ""
+    unknown, scenes = (sum(getattr(e, name) for e in errors) for name in ("unknown", "scenes"))
+    text = f"{title}, against finite elements: median {ends} mm, at most {largest:.3f} mm"
+    return text + (f" (not known for {unknown:,} of {scenes:,} scenes)" if unknown else "")

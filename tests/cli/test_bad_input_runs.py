@@ -59,30 +59,10 @@ def test_changed_numbers_are_told_and_exit_with_1(cli: Any, stored: Path) -> Non
     assert "spurious of all: stored" in out
 
 
-def test_an_unknown_run_gets_the_close_match(refused: Any, stored: Path) -> None:
-    sentence = refused("score", stored.name[:-1])
-    assert f"did you mean {stored.name!r}?" in sentence
-
-
-def test_a_record_of_another_schema(refused: Any, stored: Path) -> None:
-    rewrite(stored, schema=99)
-    sentence = refused("score", stored.name)
-    assert "record.json has record schema 99, this tactibench reads schema 1" in sentence
-
-
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"schema": 1}', "\xff", "NaN"])
 def test_a_damaged_record(refused: Any, stored: Path, text: str) -> None:
     (stored / "record.json").write_bytes(text.encode("latin-1"))
     assert "record.json" in refused("score", stored.name)
-
-
-def test_a_record_that_cannot_be_true(refused: Any, stored: Path) -> None:
-    record = json.loads((stored / "record.json").read_text(encoding="utf-8"))
-    for row in record["metrics"]:
-        if row["metric"] == "missed":
-            row |= {"value": 1.5, "low": None, "high": None}
-    rewrite(stored, metrics=record["metrics"])
-    assert "a share lies in 0..1" in refused("score", stored.name)
 
 
 @pytest.mark.parametrize("part", ["truth", "predictions", "maps"])
@@ -92,9 +72,3 @@ def test_damaged_arrays(refused: Any, stored: Path, part: str) -> None:
     assert f"{part}.npz" in refused("score", stored.name)
     file.unlink()
     assert f"{part}.npz does not exist" in refused("score", stored.name)
-
-
-def test_a_protocol_that_has_changed_since(refused: Any, stored: Path) -> None:
-    record = json.loads((stored / "record.json").read_text(encoding="utf-8"))
-    rewrite(stored, protocol={**record["protocol"], "hash": "0" * 64})
-    assert "exp1@2" in refused("score", stored.name)

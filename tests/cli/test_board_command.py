@@ -7,12 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from changed_record import changed_record
 from few_presses import few_presses
-from stored_answers import store_run
-
-from tactibench.protocols import load_protocol
-from tactibench.shipped import shipped_folder
 
 
 def test_runs_are_added_written_and_checked(cli, stored_run):
@@ -59,21 +54,6 @@ def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
     assert files == ["exp1-new.json", "exp1-new.npz"]
 
 
-def test_runs_with_fewer_presses_are_counted_apart(cli, stored_run):
-    stored_run()
-    stored_run(seed=1, limits={"presses": 250}, data={"train": 250})
-    out = cli("board", "add", "*")[1]
-    assert "leaderboards/exp1.md: 2 runs, 1 of them for the learning curve; written" in out
-
-
-def test_the_same_figures_as_json(cli, stored_run):
-    cli("board", "add", stored_run(error=0.05))
-    cli("board", "export", "--json", "rows.json")
-    rows = json.loads(Path("rows.json").read_text())
-    (gospa,) = [row for row in rows if row["metric"] == "gospa1_mm"]
-    assert (gospa["value"], gospa["unit"], gospa["model"]) == (0.05, "mm", "unet")
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -89,15 +69,6 @@ def test_mistakes(refused, stored_run, options, words):
     stored_run(partial=True, name="exp1-part")
     assert words in refused("board", *options)
     assert not list(Path("leaderboards").iterdir())
-
-
-def test_two_records_of_one_seed_are_refused(cli, refused, stored_run):
-    cli("board", "add", stored_run())
-    (path,) = Path("leaderboards/submissions/exp1").glob("*.json")
-    record = {**json.loads(path.read_text()), "name": "exp1-twin"}
-    del record["identity"]["sealed"]
-    path.with_name("exp1-twin.json").write_text(json.dumps(record))
-    assert "are both seed 0 of unet + hertz (single); keep one" in refused("board", "write")
 
 
 def test_the_same_figures_as_csv_and_latex(cli, stored_run):
@@ -121,26 +92,6 @@ def test_the_ranked_rows_are_shown(cli, refused, stored_run):
     assert out.index("  unet ") < out.index("  cnn ")
     assert "0.0500 [0.0450, 0.0550]" in out
     assert out.endswith("all tables: leaderboards/exp1.md\n")
-
-
-def test_a_protocol_without_a_board_file_shows_all_metrics_in_one_table(
-    cli, fabricate, tmp_path, monkeypatch
-):
-    text = (shipped_folder("protocols") / "exp1.toml").read_text(encoding="utf-8")
-    (tmp_path / "protocols").mkdir()
-    (tmp_path / "protocols" / "mine.toml").write_text(text.replace('id = "exp1"', 'id = "mine"'))
-    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path / "protocols"))
-    own = {"protocol.id": "mine", "protocol.hash": load_protocol("mine").hash}
-    made = fabricate(metrics=(("mae_mm", "x", 0.5), ("mae_mm", "mean", 0.25)))
-    store_run(Path("runs"), changed_record(made, own))
-    Path("leaderboards").mkdir()
-    assert cli("board", "add", made.name)[0] == 0
-    code, out, _ = cli("board", "show", "mine")
-    assert code == 0
-    for shown in (out, Path("leaderboards/mine.md").read_text()):
-        assert "MAE, mm" in shown
-        assert "0.2500" in shown
-        assert "missed contacts, " in shown
 
 
 @pytest.mark.long

@@ -52,20 +52,3 @@ def test_it_says_what_was_written_and_what_was_left_out(
     code, out, err = cli(*command)
     assert (code, out) == (2, "")
     assert "nothing is overwritten" in err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("nowhere", "out"), "'nowhere' does not exist"),
-        ((".", "out"), "is no data set: it holds no dataset.json"),
-        (("taps", "out", "--split", "min"), "did you mean 'mine'?"),
-        (("taps", "taps/out"), "lies in the data set taps"),
-    ],
-)
-def test_a_mistake_gets_one_sentence(
-    taps: Path, refused: Any, tmp_path: Path, arguments: tuple[str, ...], sentence: str
-) -> None:
-    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    assert sentence in refused("data", "export", *arguments)
-    assert [path.name for path in tmp_path.iterdir()] == ["taps"]

@@ -58,37 +58,3 @@ def test_import_says_what_it_made(cli, plates, tmp_path):
     shown = cli("data", "import", plates, "out")[1]
     assert "60 frames of 129x129 gray, labels without contacts" in shown
     assert len(open_dataset(tmp_path / "out").samples) == COUNT
-
-
-def test_params_are_listed(cli):
-    shown = cli("data", "import", "--params")[1]
-    for name in ("indenter", "offset_mm", "pivot_mm", "press", "missing"):
-        assert f"  {name} " in shown
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["import", "nowhere", "out"], "nowhere does not exist"),
-        (["import", "plates", "plates"], "lies in"),
-        (["import", "plates", "out", "--format", "zip"], "no format 'zip'"),
-        (["import", "plates", "out", "--param", "pivot=3"], "did you mean 'pivot_mm'"),
-        (["fit", "plates", "--depth", "pose_4"], "no column pose_4"),
-        (["fit", "nowhere"], "does not exist"),
-    ],
-)
-def test_mistakes_are_sentences(refused, plates, arguments, says):
-    assert says in refused("data", *arguments)
-    assert sorted(p.name for p in plates.parent.iterdir()) == ["plates"]
-
-
-def test_folders_without_one_table_say_what_to_do(refused, tmp_path):
-    folder = tmp_path / "lab"
-    folder.mkdir()
-    assert "lab holds no CSV file; put the table" in refused(
-        "data", "import", folder, tmp_path / "new", "--guess"
-    )
-    for name in ("labels.csv", "channels.csv"):
-        (folder / name).write_text("x\n1\n")
-    told = refused("run", "exp1", "--model", "mean", "--data", folder)
-    assert "holds several CSV files (channels.csv, labels.csv); make a data set" in told

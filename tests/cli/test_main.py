@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 from surroundings import surroundings
 
-import tactibench
 from tactibench.cli.main import VERBS
 
 HEAVY = (
@@ -101,16 +100,6 @@ def test_every_verb_explains_itself(cli: Any, verb: str) -> None:
     assert out.startswith(f"Usage: tactibench {verb} ")
 
 
-def test_a_group_of_a_plugin_alone_prints_its_help(cli: Any) -> None:
-    code, out, err = cli("hw")
-    assert (code, err) == (0, "")
-    assert out.startswith("Usage: tactibench hw ")
-
-
-def test_version(cli: Any) -> None:
-    assert cli("--version") == (0, f"tactibench, version {tactibench.__version__}\n", "")
-
-
 def test_python_m_is_the_command() -> None:
     done = ran("runn")
     assert (done.returncode, done.stdout) == (2, "")
@@ -132,22 +121,6 @@ def test_a_reader_that_has_gone_is_no_mistake() -> None:
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (1, "")
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_full_disk_under_stdout() -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            command("list"),
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            env=BUFFERED,
-        )
-    assert done.returncode == 2
-    assert done.stderr.startswith("tactibench: the disk is full")
-    assert done.stderr.count("\n") == 1
 
 
 def test_a_write_that_fails_half_way(surroundings: dict[str, Any]) -> None:

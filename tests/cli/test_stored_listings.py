@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
-
 TRAIN = ("run", "exp1", "--model", "mean", "--presses", "40", "--train-only")
 
 
@@ -29,33 +27,6 @@ def test_trained_weights_are_listed_and_found_again(cli):
     (row,) = listed(cli, "weights")
     assert row["bytes"] > 0
     assert (row["model"], row["presses"], row["epochs"]) == ("mean", 40, 0)
-
-
-def test_an_empty_cache_says_so(cli):
-    code, out, _ = cli("list", "weights")
-    assert (code, out.startswith("no trained weights in ")) == (0, True)
-
-
-def test_a_damaged_manifest_is_passed_over(cli, tmp_path):
-    folder = tmp_path / "cache" / "weights" / "abc"
-    folder.mkdir(parents=True)
-    for text in ("{", "[]", "{}"):
-        (folder / "manifest.json").write_text(text)
-        assert cli("list", "weights")[1].startswith("no trained weights in ")
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["exp1", "--model", "nobody"], "unknown model 'nobody'"),
-        (["exp1", "--model", "cnn", "--regime", "multiple"], "use --regime single"),
-        (["exp1", "--model", "mean", "--presses", "3600"], "must be less than the 3,600 presses"),
-        (["exp9", "--model", "mean"], "unknown protocol 'exp9'"),
-        (["exp1", "--model", "mean", "--param", "model.width=3"], "has no parameter 'width'"),
-    ],
-)
-def test_mistakes_of_a_training(refused, options, words):
-    assert words in refused("run", "--train-only", *options)
 
 
 def test_runs_of_a_store_are_listed(cli, stored_run):

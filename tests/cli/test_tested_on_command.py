@@ -18,9 +18,6 @@ NEAREST = ("run", "exp2", "--model", "nearest")
     [
         (["--test", "refrence"], ["'refrence'", "did you mean 'reference'?"]),
         (["--test", "instance=1"], ["changes no sensor", "sensor.instance=1"]),
-        (["--test", "sensor.instanse=1"], ["no parameter 'instanse'", "did you mean 'instance'?"]),
-        (["--test", "sensor.instance=x"], ["must be a whole number"]),
-        (["--test", "sensor.instance=0"], ["what the training frames are made with already"]),
         (
             ["--hidden-seed", "--test", "sensor.instance=0"],
             ["what the training frames are made with"],
@@ -29,12 +26,6 @@ NEAREST = ("run", "exp2", "--model", "nearest")
         (
             ["--test", "reference", "--param", "sensor.instance=3"],
             ["scenes are of the nominal dome", "sensor.instance=3"],
-        ),
-        (["--test", "reference", "--test", "sensor.tier=auto"], ["no parameter 'tier'"]),
-        (["--param", "sensor.instances=-1"], ["'instances' is -1", "must be >= 0"]),
-        (
-            ["--param", "sensor.instances=4", "--param", "sensor.instance=3"],
-            ["leave one of them out", "--test sensor.instance=3"],
         ),
         (
             ["--param", "sensor.instances=4", "--test", "sensor.instances=2"],
@@ -49,11 +40,6 @@ def test_mistakes(refused: Any, arguments: list[str], words: list[str]) -> None:
     for word in words:
         assert word in sentence
     assert "--test hidden" not in sentence, "the option is --hidden-seed"
-
-
-def test_a_recording_is_refused(refused: Any, tmp_path: Any) -> None:
-    given = ("run", "surface", "--model", "nearest", "--data", tmp_path, "--test", "reference")
-    assert "can press no others; leave --test out" in refused(*given)
 
 
 def test_a_run_on_reference_scenes_is_printed_and_may_stand_on_a_board(
@@ -74,9 +60,7 @@ def test_a_run_on_reference_scenes_is_printed_and_may_stand_on_a_board(
 @pytest.mark.parametrize(
     ("test", "on", "instance"),
     [
-        ("", "the nominal sensor", 0),
         (" --test sensor.instance=3", "another individual (instance=3)", 3),
-        (" --test reference", "finite-element scenes", 0),
     ],
 )
 def test_a_model_of_many_instances_is_tested_on_one(

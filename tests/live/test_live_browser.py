@@ -106,29 +106,6 @@ def test_the_mouse_presses_where_it_points(tab: Tab, sayer: Any) -> None:
     assert all(url.startswith((tab.page.url, "data:")) for url in tab.asked)
 
 
-def test_shift_adds_a_tip_and_lift_takes_all(tab: Tab) -> None:
-    tab.page.keyboard.down("Shift")
-    tab.page.mouse.click(*tab.at(-4, 3))
-    tab.page.keyboard.up("Shift")
-    tab.until("2 missed")
-    tab.page.mouse.click(*tab.at(1, 1))  # without Shift a press begins anew
-    tab.until("1 missed")
-    tab.page.click("#lift")
-    tab.until("no contact, and none is read")
-    assert tab.truth() == []
-
-
-def test_keys_move_and_deepen(tab: Tab) -> None:
-    (x, y, depth), *_ = tab.truth()
-    tab.dome.focus()
-    for key in ("ArrowRight", "ArrowRight", "ArrowDown", "+"):
-        tab.page.keyboard.press(key)
-    tab.wait("!state.busy && !state.changed")
-    assert tab.truth()[0] == pytest.approx([x + 0.2, y + 0.1, depth + 0.1], abs=0.01)
-    tab.page.keyboard.press("Delete")
-    tab.until("no contact")
-
-
 def test_sliders_change_the_press_the_frame_and_the_sensor(tab: Tab, sayer: Any) -> None:
     def slide(name: str, value: str) -> Any:
         asked = len(sayer.frames)
@@ -153,39 +130,6 @@ def test_a_refused_press_is_said_and_the_next_one_is_answered(tab: Tab) -> None:
     tab.until("press less deep", "#note")
     tab.page.locator("input[name=depth]").fill("1")
     tab.wait("document.querySelector('#note').innerText === ''")
-
-
-def test_several_fingers_are_several_contacts_on_a_phone(browser: Any, served: Any) -> None:
-    phone = {"width": 390, "height": 844}
-    tab = Tab(browser, served.url, viewport=phone, has_touch=True, is_mobile=True)
-    tab.until("1 missed")
-    assert tab.page.evaluate("document.documentElement.scrollWidth") <= phone["width"]
-    touch = tab.context.new_cdp_session(tab.page)
-    places = [(-4, 0), (3, -3), (2, 4)]
-    fingers = [
-        {"x": x, "y": y, "id": k} for k, (x, y) in enumerate(tab.at(*place) for place in places)
-    ]
-    touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": fingers})
-    tab.until("3 missed")
-    found = sorted(contact[:2] for contact in tab.truth())
-    assert np.allclose(found, sorted(places), atol=0.1)
-    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    assert tab.said == []
-    tab.context.close()
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 768, 390])
-def test_nothing_is_clipped(browser: Any, served: Any, width: int, scheme: Any) -> None:
-    tab = Tab(browser, served.url, viewport={"width": width, "height": 900}, color_scheme=scheme)
-    tab.until("1 missed")
-    assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
-    clipped = """[...document.querySelectorAll('figcaption b, label, button, .key, .error')]
-      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.innerText)"""
-    assert tab.page.evaluate(clipped) == []
-    background = tab.page.evaluate("getComputedStyle(document.body).backgroundColor")
-    assert (background == "rgb(255, 255, 255)") == (scheme == "light")
-    tab.context.close()
 
 
 def test_hostile_names_do_nothing(browser: Any) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import http.client
-import socket
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.live import MOST_BYTES, MOST_CONNECTIONS, LocalServer
+from tactibench.live import MOST_BYTES, LocalServer
 
 JSON = {"Content-Type": "application/json"}
 
@@ -73,14 +72,8 @@ def test_it_listens_on_loopback_alone(server: LocalServer) -> None:
     "host",
     [
         "evil.example",
-        "evil.example:8080",
         "127.0.0.1.evil.example",
-        "",
-        "127.0.0.1:80:80",
         "127.0.0.1@evil.example",
-        "127.0.0.1:x",
-        "[::1]",
-        "0.0.0.1",
         "192.168.0.7",
     ],
 )
@@ -93,13 +86,6 @@ def test_another_host_is_refused(server: LocalServer, host: str) -> None:
 def test_this_machine_by_any_of_its_names_is_answered(server: LocalServer, host: str) -> None:
     """Behind a tunnel (`ssh -L`) the port is another one."""
     assert ask(server, "GET", "/", Host=host)[0] == 200
-
-
-def test_two_hosts_or_none_are_refused(server: LocalServer) -> None:
-    for hosts in (b"", b"Host: localhost\r\nHost: evil.example\r\n"):
-        with socket.create_connection(("127.0.0.1", port_of(server)), 10) as raw:
-            raw.sendall(b"GET / HTTP/1.1\r\n" + hosts + b"\r\n")
-            assert raw.recv(100).startswith(b"HTTP/1.1 403")
 
 
 def test_a_post_of_another_page_is_refused(server: LocalServer) -> None:
@@ -125,13 +111,6 @@ def test_a_body_is_bounded_before_it_is_read(server: LocalServer, length: str, s
     assert post(server, b"", Content_Length=length.encode("latin-1"))[0] == status
 
 
-def test_a_body_without_a_length_is_refused(server: LocalServer) -> None:
-    answer = ask(
-        server, "POST", "/shout", None, Content_Type="application/json", Transfer_Encoding="chunked"
-    )
-    assert answer[0] == 411
-
-
 def test_every_answer_says_what_a_browser_may_do_with_it(server: LocalServer) -> None:
     for path in ("/", "/elsewhere"):
         headers = ask(server, "GET", path)[2]
@@ -140,27 +119,6 @@ def test_every_answer_says_what_a_browser_may_do_with_it(server: LocalServer) ->
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
         assert headers["X-Content-Type-Options"] == "nosniff"
         assert "Access-Control-Allow-Origin" not in headers
-
-
-def test_connections_beyond_the_most_are_closed(server: LocalServer) -> None:
-    held = [
-        http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)
-        for _ in range(MOST_CONNECTIONS)
-    ]
-    for connection in held:  # answered, so each has its thread
-        connection.request("GET", "/")
-        connection.getresponse().read()
-    one_more = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)
-    with pytest.raises((http.client.RemoteDisconnected, ConnectionError)):
-        _answer_of(one_more)
-    for connection in held:
-        connection.close()
-    one_more.close()
-
-
-def _answer_of(connection: http.client.HTTPConnection) -> bytes:
-    connection.request("GET", "/")
-    return connection.getresponse().read()
 
 
 def test_a_taken_port_is_a_sentence(server: LocalServer) -> None:

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench import Contacts, PlatePose
+from tactibench import Contacts
 from tactibench.live import (
     AnswerView,
     FrameView,
     contact_errors,
-    describe_prediction,
     pack,
 )
 
@@ -73,17 +72,3 @@ def test_a_view_shows_frame_map_contacts_and_error(read: Any) -> None:
     assert first["error"] == {"mm": 0.0, "depth_mm": 0.0, "missed": 1, "false": 0}
     assert second["contacts"] == []
     assert second["error"]["missed"] == 2
-
-
-@pytest.mark.parametrize(
-    ("prediction", "words"),
-    [
-        (None, "no contact"),
-        (NONE, "no contact"),
-        (ONE, "(+1.00, +2.00) 1.50 mm"),
-        (TWO, "(+1.00, +2.00) 1.50 mm; (-4.00, +0.00) 2.00 mm"),
-        (PlatePose(1.0, 3.25), "plate 1.00 mm deep, tilted 3.2 deg"),
-    ],
-)
-def test_a_prediction_in_words(prediction: Any, words: str) -> None:
-    assert describe_prediction(prediction) == words

@@ -123,20 +123,6 @@ def metric_row(
     return Metric(metric=metric, group=group, value=value, n=n, clusters=clusters, **ends, **more)
 
 
-INSTANCES = tuple(f"instance-{k}" for k in range(1, 9))
-
-
-def apart_rows(values: dict[str, float], test: str, parts: tuple[str, ...], n: int) -> list[Metric]:
-    """Metrics of a test that is scored apart, and of its parts what orders its table."""
-    whole = [metric_row(metric, test, value, 0.01, n, n) for metric, value in values.items()]
-    each = n // len(parts)
-    ranked = [
-        metric_row("gospa1_mm", f"{test}:{part}", values["gospa1_mm"] + k / 100, 0.02, each, each)
-        for k, part in enumerate(parts)
-    ]
-    return whole + ranked
-
-
 def exp1_rows() -> list[Metric]:
     by_axis = [
         ("r2", 0.99941, -0.001, 0.0002),
@@ -162,9 +148,7 @@ def exp1_rows() -> list[Metric]:
         ("missed", "all", 0.0, 0.0037),
         ("spurious", "all", 0.0021, 0.001),
     ]
-    unseen = {"gospa1_mm": 0.55, "mae_mm": 0.47, "rmse_mm": 0.8, "missed": 0.04, "spurious": 0.02}
-    apart = apart_rows(unseen, "unseen", INSTANCES, 400)
-    return rows + [metric_row(*row) for row in whole] + apart
+    return rows + [metric_row(*row) for row in whole]
 
 
 def exp2_rows(resolved: float = 0.6) -> list[Metric]:
@@ -201,46 +185,7 @@ def exp2_rows(resolved: float = 0.6) -> list[Metric]:
         "surface_rmse_mm": 0.311,
     }
     rows += [metric_row(m, "all", v, 0.01, 2200, 1200) for m, v in over_all_frames.items()]
-    elsewhere = {
-        "distance_penalised_mm": 2.7,
-        "distance_mae_mm": 0.9,
-        "resolved": 0.5,
-        "gospa1_mm": 1.3,
-        "missed": 0.2,
-        "spurious": 0.05,
-    }
-    rows += apart_rows(elsewhere, "heldout", ("between", "uneven"), 460)
-    return rows + apart_rows(elsewhere, "unseen", INSTANCES, 288)
-
-
-def exp3_rows() -> list[Metric]:
-    values = {
-        "position_mean_mm": 0.408,
-        "position_ungated_mm": 0.71,
-        "depth_mae_mm": 0.164,
-        "relative_depth_mae_mm": 0.21,
-        "gospa1_mm": 0.9,
-        "gospa2_mm": 1.1,
-        "missed": 0.021,
-        "spurious": 0.017,
-        "surface_rmse_mm": 0.33,
-        "surface_floor_mm": 0.21,
-        "surface_excess_mm": 0.17,
-        "nll": -2.117,
-    }
-    counts = [("dual", 2000, 1000), ("triple", 3000, 1000), ("all", 5000, 2000)]
-    matched_only = {"position_mean_mm", "depth_mae_mm"}
-    rows = [
-        metric_row(
-            metric, group, v, 0.012, round(0.979 * n) if metric in matched_only else n, presses
-        )
-        for metric, v in values.items()
-        for group, n, presses in counts
-    ]
-    names = ("gospa1_mm", "position_mean_mm", "depth_mae_mm", "missed", "spurious")
-    elsewhere = {name: 2 * values[name] for name in names}
-    rows += apart_rows(elsewhere, "heldout", ("three", "four", "five"), 600)
-    return rows + apart_rows(elsewhere, "unseen", INSTANCES, 320)
+    return rows
 
 
 def surface_rows() -> list[Metric]:
@@ -254,7 +199,6 @@ def surface_rows() -> list[Metric]:
 METRICS = {
     "exp1": exp1_rows,
     "exp2": exp2_rows,
-    "exp3": exp3_rows,
     "surface": surface_rows,
 }
 RECORD_FILE = "experiments/of/a/long/name/tactile/runs/{}/record.json"

@@ -108,15 +108,6 @@ def test_a_head_sorts_by_click_and_by_key_numbers_as_numbers(tab):
     assert "sorted by" in tab.page.locator("#said").inner_text()
 
 
-def test_rows_can_be_filtered(tab):
-    box = tab.page.locator("input[data-filter=exp1]")
-    box.fill("cnn")
-    rows = tab.page.locator("#exp1-0 .tables table.board").first.locator("tbody tr:visible")
-    assert rows.count() == 1
-    box.fill("")
-    assert rows.count() == 3
-
-
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_column_is_clipped_and_the_page_does_not_scroll_sideways(browser, files, width, scheme):
