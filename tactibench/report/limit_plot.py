@@ -85,6 +85,8 @@ def limit_data(
     for quantity, value in [*lengths, *(("depth", depth) for depth in depths)]:
         if not (value > 0 and math.isfinite(value)):
             raise UserError(f"{quantity} {value:g} mm is not above 0; take a positive number.")
+    if not (reach >= 0 and math.isfinite(reach) and math.isfinite(turn)):
+        raise UserError("the range must not be below 0 mm, and the yaw must be finite.")
     spec = PluginHost().sensors[name]
     settings = spec.settings(dict(params))
     sensor = _sensor(spec, settings)
