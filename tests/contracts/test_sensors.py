@@ -21,7 +21,7 @@ from tactibench.testing import (
 
 NAMES = [spec.name for spec in PluginHost().sensors if spec.origin == "simulated"]
 SMALL = {"size": "64"}
-LEAST = 11
+LEAST = 9
 """Properties that say something of every one of them."""
 
 

@@ -324,14 +324,14 @@ def test_answers_with_failures_are_checked() -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"failed": np.array([1.0, 2.0, 3.0])}, "array 'failed' is missing or not how"),
+        ({"failed": np.array([1.0, 2.0, 3.0])}, "array 'failed' has type float64"),
         ({"failed": np.array([3, 2, 1])}, "rising numbers"),
         ({"failed": np.array([1, 2, 99])}, "rising numbers"),
         ({"failed": np.array([-3, 2, 3])}, "rising numbers"),
         ({"failed": np.array([0, 2, 3])}, "rising numbers"),  # frame 0 has a contact
-        ({"raised": np.array([True])}, "array 'raised'"),
-        ({"cause": np.array(["a", "b", "c\n"])}, "not printable"),
-        ({"cause": np.array(["a", "b", "c" * 201])}, "longer than 200"),
+        ({"raised": np.array([True])}, "rising numbers"),
+        ({"cause": np.array(["a", "b", "c\n"])}, "printable cause"),
+        ({"cause": np.array(["a", "b", "c" * 201])}, "printable cause"),
     ],
 )
 def test_failures_of_strangers_are_not_believed(more: dict[str, Any], said: str) -> None:
@@ -341,5 +341,5 @@ def test_failures_of_strangers_are_not_believed(more: dict[str, Any], said: str)
 
 def test_missing_failures_are_refused() -> None:
     answers, _ = ask(Fragile())
-    with pytest.raises(UserError, match="array 'failed' is missing"):
+    with pytest.raises(UserError, match="answers that are contacts are cause, count, depth, failed"):
         check_answers(pack(answers, "contacts"), "contacts", 6, "a.npz", guarded=True)
