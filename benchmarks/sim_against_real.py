@@ -20,7 +20,7 @@ import argparse
 import json
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -214,18 +214,18 @@ def print_errors(presses: Presses, calibration: Calibration) -> None:
         ("indentation", depth, DEPTHS),
     ):
         bands = pd.cut(values, edges, right=False)
-        groups = table.groupby(bands, observed=True)
+        groups = table.assign(band=bands).groupby("band", observed=True)
         print(groups.median().round(3).assign(presses=groups.size()).rename_axis(f"{name}, mm"))
     print(f"all: {table.median().round(3).to_dict()}")
 
 
 def draw(folder: Path, presses: Presses, calibration: Calibration, path: Path) -> None:
     """Draw the rest frame and two hardly moved presses, real beside simulated."""
-    kind, glare = (
-        (Fitted331, {"glare_width": 0.014, "glare_arc": 80.0, "glare_radius": 0.465})
-        if len(presses.rest) == 331
-        else (Fitted127, {"glare_radius": 0.475})
-    )
+    large = len(presses.rest) == 331
+    kind = Fitted331 if large else Fitted127
+    glare: dict[str, Any] = {"glare_radius": 0.465 if large else 0.475}
+    if large:
+        glare |= {"glare_width": 0.014, "glare_arc": 80.0}
     sensor = kind(
         SensorContext(np.random.SeedSequence(0)),
         size=presses.side,

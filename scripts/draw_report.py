@@ -15,7 +15,6 @@ from pathlib import Path
 import click
 
 from tactibench import api
-from tactibench.report import save_png
 
 ROOT = Path(__file__).resolve().parents[1]
 BOARD, IMAGES = ROOT / "leaderboards", ROOT / "docs" / "images"
@@ -31,11 +30,8 @@ def draw_boards() -> None:
     """Draw the frontiers and the hard cases."""
     for name in ("exp1", "exp2", "exp3"):
         api.plot("frontier", name, board=BOARD).save(IMAGES / f"frontier-{name}.png")
-    api.plot("stability", HARD, board=BOARD).save(IMAGES / "stability.png")
     rows = [f"{model} (single)" for model in CURVES]
-    detail = api.plot("stability", HARD, board=BOARD, rows=rows).detail
-    if detail is not None:
-        save_png(detail, IMAGES / "stability-errors.png")
+    api.plot("stability", HARD, board=BOARD, rows=rows).save(IMAGES / "stability-errors.png")
 
 
 def take_screenshots() -> None:

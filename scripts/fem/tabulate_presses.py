@@ -57,8 +57,8 @@ def tabulate_dome(path: Path, dome: Dome, radii: Sequence[float] = RADII) -> str
         UserError: NGSolve is not installed.
         NotConvergedError: A run failed.
     """
-    delta = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
-    polar = np.radians(np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG)
+    delta = np.arange(round(DEEPEST_MM / STEP_MM) + 1, dtype=np.float64) * STEP_MM
+    polar = np.radians(np.arange(round(90 / POLAR_STEP_DEG) + 1, dtype=np.float64) * POLAR_STEP_DEG)
     arrays: dict[str, npt.NDArray[Any]] = {"delta": delta, "polar": polar}
     for shape, radius in {shape_name(radius): radius for radius in radii}.items():
         report_progress(shape)
@@ -223,8 +223,8 @@ def tabulate_pad(path: Path, pad: Pad = PAD, radii: Sequence[float] = (3.0,)) ->
         NotConvergedError: A run failed.
     """
     deepest = min(PAD_DEEPEST_MM, *radii)
-    delta = np.arange(int(deepest / STEP_MM + 1e-9) + 1) * STEP_MM
-    r = np.arange(round(FARTHEST_MM / R_STEP_MM) + 1) * R_STEP_MM
+    delta = np.arange(int(deepest / STEP_MM + 1e-9) + 1, dtype=np.float64) * STEP_MM
+    r = np.arange(round(FARTHEST_MM / R_STEP_MM) + 1, dtype=np.float64) * R_STEP_MM
     each = []
     for radius in sorted(radii):
         report_progress(f"sphere of {radius:g} mm")

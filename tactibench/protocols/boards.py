@@ -137,11 +137,10 @@ class RunTable(_Frozen):
 
 
 class Headline(_Frozen):
-    """The error to show beside speed, and the share that qualifies it."""
+    """The error to show beside speed."""
 
     metric: Text
     group: Text
-    qualifier: Text
     decimals: Decimals
 
 

@@ -341,5 +341,7 @@ def test_failures_of_strangers_are_not_believed(more: dict[str, Any], said: str)
 
 def test_missing_failures_are_refused() -> None:
     answers, _ = ask(Fragile())
-    with pytest.raises(UserError, match="answers that are contacts are cause, count, depth, failed"):
+    with pytest.raises(
+        UserError, match="answers that are contacts are cause, count, depth, failed"
+    ):
         check_answers(pack(answers, "contacts"), "contacts", 6, "a.npz", guarded=True)
