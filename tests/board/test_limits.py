@@ -212,5 +212,5 @@ def test_the_table_names_what_is_left_out() -> None:
 def test_the_map_shows_empty_and_unbounded_cells() -> None:
     for indenter in (Indenter.dual(9.0), Indenter.dual(30.0)):  # some and all without a bound
         maps = map_limits(Formula(), asked(indenter, (0.4,)), lambda _: None)
-        figure = limit_figure(maps, title="t", measured_on="simulated " * 30)
+        figure = limit_figure(maps, measured_on="simulated " * 30)
         assert image_bytes(figure, "png").startswith(b"\x89PNG")
