@@ -100,7 +100,8 @@ def test_a_record_is_reproduced_by_a_command(cli, tmp_path, monkeypatch):
     monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(files["exp1"].parent))
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
     Path("leaderboards").mkdir()
-    assert cli("run", "few-exp1", "--model", "nearest", "--presses", "40")[0] == 0
+    ran = cli("run", "few-exp1", "--model", "nearest", "--presses", "20")
+    assert ran[0] == 0, ran
     assert cli("board", "submit", *(path.name for path in Path("runs").glob("few-*")))[0] == 0
     (path,) = Path("leaderboards/submissions/few-exp1").glob("*.json")
     code, out, _ = cli("board", "reproduce", str(path), "--by", "a lab", "--json", "rows.json")

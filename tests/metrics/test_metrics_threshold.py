@@ -236,7 +236,7 @@ def test_a_crossing_outside_is_censored(share, value, censored):
 
 
 @pytest.mark.parametrize("lapse", [0.0, 0.03, 0.08])
-@pytest.mark.long
+@pytest.mark.slow  # three minutes each
 def test_the_interval_with_lapses_covers(lapse):
     rng = np.random.default_rng(9)
     curve, threshold = lapsing(9.0, 1.5, lapse)
