@@ -58,7 +58,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/plugins": (627, 5),
     "tactibench/protocols": (1080, 5),
     "tactibench/records": (829, 7),
-    "tactibench/report": (3324, 16),
+    "tactibench/report": (3325, 16),
     "tactibench/run": (2530, 14),
     "tactibench/scaffold": (115, 2),
     "tactibench/stats": (351, 4),
