@@ -84,15 +84,24 @@ class Header:
     """The facts that hold for every sample of a data set.
 
     Attributes:
+        name: Name of the data set.
         sensor: Name, parameters and versions of the sensor.
         image: Height and width of every image, pixels; None where the samples hold channels.
         channels: 1 for gray, 3 for RGB.
+        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         signal: Shape of every sample's float32 channels; () where the samples are images.
         signal_names: Names of the channels, in their order, as far as they are known.
-        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
+        units: Units of lengths, angles and forces.
+        axes: Order of Euler angles.
+        frames: Coordinate frames in words.
+        licence: Licence of the data; empty: unknown.
         source: The importer, its options and the sha256 of the files that it read.
+        plan_sha256: Hash of ``plan.jsonl``; empty without a plan.
+        status: A closed data set is never changed.
+        uuid: Identifier of this data set.
         counts: Numbers of samples and presses, written when the data set is closed.
         journal_sha256: Hash of the journal, written when the data set is closed.
+        schema_version: Version of this format.
     """
 
     __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
@@ -132,9 +141,11 @@ class Sample:
         id: Number of the sample, unique in the data set, 0 or more.
         file_name: The image's file, relative to the data set's folder, or that of all channels.
         sha256: Hash of the image's file, or of the sample's row of channels.
+        status: "bad": the sample is kept, but not to be used.
         scene: Indenter and the pose that it reached; None where only labels are known.
         labels: Labels as they were recorded, by their original names, mm and deg.
         press: Name that the samples of one press share. It is the unit of intervals and splits.
+        session: Name of the recording session.
         attempt: 1 for the first attempt at this sample.
         t_frame_ns: Time of the frame on a clock that never steps back.
         extra: Anything else that was recorded, as JSON values.

@@ -387,7 +387,14 @@ Offset = Annotated[tuple[Length, Length, Length], Field(strict=False)]
 
 
 class Workspace(Strict):
-    """The box of every tip of every press, mm."""
+    """The box of every tip of every press, mm.
+
+    Attributes:
+        half_width_mm: Largest |x| and |y| of a tip.
+        dome_radius_mm: Radius of the undeformed skin.
+        depth_min_mm: Depth of the shallowest tip.
+        depth_max_mm: Depth of the deepest tip, which is 1 in a heatmap.
+    """
 
     half_width_mm: PositiveFloat
     dome_radius_mm: PositiveFloat
@@ -404,7 +411,12 @@ class Workspace(Strict):
 
 
 class GridKeys(Strict):
-    """The heatmap grid around the apex."""
+    """The heatmap grid around the apex.
+
+    Attributes:
+        cells: Number of cells along each side.
+        pitch_mm: Distance of two cells; the grid is centred on the apex.
+    """
 
     cells: Annotated[int, Field(ge=8, le=512)]
     pitch_mm: PositiveFloat
@@ -415,7 +427,12 @@ class GridKeys(Strict):
 
 
 class Defaults(Strict):
-    """The sensor and the encoder of a run that names none."""
+    """The sensor and the encoder of a run that names none.
+
+    Attributes:
+        sensor: Name of the sensor that makes the frames.
+        encoder: Name of the encoder of models that name none themselves.
+    """
 
     sensor: Name
     encoder: Name
@@ -439,6 +456,17 @@ class Draw(Strict):
     each has a depth of its own.
 
     Attributes:
+        name: Name by which split, regimes and tests call the draw.
+        indenter: Arrangement of the tips that press.
+        radius_mm: Radius of the tips.
+        stream: Random stream of the data seed; equal streams in several protocols are the same
+            presses.
+        count: Number of presses; None where ``per_distance`` is given.
+        per_distance: Number of presses of every distance of a dual indenter.
+        distances_mm: Distances between the tips of a dual indenter.
+        side_mm: Side of the triangle of a triple indenter.
+        heights_mm: Heights of a triple indenter's tips, drawn independently for each tip.
+        offsets_mm: x, y and height of every tip of indenter ``tips``; a higher tip touches sooner.
         tip_count: Number of tips of a scattered indenter.
         apart_mm: Least distance between the tips of a scattered indenter.
     """
@@ -474,7 +502,13 @@ class Draw(Strict):
 
 
 class Split(Strict):
-    """The division of one draw by press into training, validation and test presses."""
+    """The division of one draw by press into training, validation and test presses.
+
+    Attributes:
+        draw: Name of the draw that is divided.
+        test: Number of test presses.
+        validation: Number of presses of the training share that are kept for early stopping.
+    """
 
     draw: Name
     test: Presses
@@ -482,7 +516,14 @@ class Split(Strict):
 
 
 class Recorded(Strict):
-    """The division of the presses of a recorded folder."""
+    """The division of the presses of a recorded folder.
+
+    Attributes:
+        test_frames: File with the names of the test frames, for a folder that has them all.
+        test_frames_size: Height and width of these frames, pixels.
+        test_share: Share of the presses of any other folder that is tested.
+        validation_share: Share of the training presses that is kept for early stopping.
+    """
 
     test_frames: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")] | None = None
     test_frames_size: tuple[PositiveInt, PositiveInt] | None = Field(default=None, strict=False)
@@ -551,7 +592,18 @@ class ApartTest(Strict):
 
 
 class Test(Strict):
-    """The presses that are scored, and the matching of predictions to the truth."""
+    """The presses that are scored, and the matching of predictions to the truth.
+
+    Attributes:
+        sets: Draws that are scored.
+        group: Property by which the rows of a metric are divided.
+        gate_mm: Largest distance of a predicted and a true contact that can be a pair.
+        cluster: Unit of every interval.
+        level: Level of the intervals, such as 0.95.
+        catch: Draw of single presses that must not be seen as two.
+        psychometric: Curve of a two-point threshold: it has a lapse rate.
+        apart: Tests that are scored apart from the main one, after it.
+    """
 
     __test__ = False  # not a test case, whatever its name
 
@@ -561,25 +613,56 @@ class Test(Strict):
     cluster: Literal["press"]
     level: Share
     catch: Name | None = None
-    # The curve of a two-point threshold has a lapse rate.
     psychometric: Literal["lapse"] = "lapse"
     apart: tuple[ApartTest, ...] = Field(default=(), strict=False)
 
 
 class Metrics(Strict):
-    """The metrics of a protocol, in the order of its tables."""
+    """The metrics of a protocol, in the order of its tables.
+
+    Attributes:
+        names: Names of the metrics.
+    """
 
     names: tuple[str, ...] = Field(min_length=1, strict=False)
 
 
 class Published(Strict):
-    """Names of the published tables that stand beside the results."""
+    """Names of the published tables that stand beside the results.
+
+    Attributes:
+        tables: Names of files of ``leaderboards/published``.
+    """
 
     tables: Names = ()
 
 
 class Protocol(Strict):
-    """One protocol file."""
+    """One protocol file.
+
+    Attributes:
+        schema_: Version of this format, key ``schema``.
+        id: Name of the protocol, as in ``tactibench run ID``.
+        version: Version of the protocol, raised with every change.
+        title: Question that the protocol asks, in words.
+        answer: Kind of answer that a model must return.
+        data_seed: Public seed of every press of every draw and split.
+        workspace: Box in which the tips lie.
+        grid: Grid of the heatmaps.
+        defaults: Sensor and encoder of a run that names none.
+        draws: Sets of presses.
+        split: Division of one draw; a protocol has either this or ``recorded``.
+        recorded: Division of the presses of a recorded folder.
+        plates: Presses of a simulated sensor where recordings are tested.
+        transfer: Test on another sensor than the trained one.
+        cases: Settings that all families of hard cases share.
+        families: Families of hard cases, each graded from easy to hard.
+        regimes: Name of a regime -> draws that are trained on beside the training share of the
+            split.
+        test: Presses that are scored, and how.
+        metrics: Metrics of the record.
+        published: Tables that are printed beside the result.
+    """
 
     schema_: Literal[1] = Field(alias="schema")
     id: Name

@@ -187,6 +187,7 @@ class TestSensor(Component):
     """The sensor that pressed the test scenes, where it was not the sensor of the training.
 
     Attributes:
+        settings: Always empty: the options say what was set.
         options: Options as given with ``--test``; empty where the model was trained on several
             sensor instances and is tested on the nominal one.
         description: Description in words, such as "finite-element scenes".
@@ -536,8 +537,28 @@ class Record(_Strict):
     """The contents of ``record.json``.
 
     Attributes:
+        schema_: Version of this format, key ``schema``.
+        name: Name of the run and of its folder.
+        created: Date and time in UTC, ISO 8601.
+        protocol: Protocol that was run.
+        model: Model that answered, with all its parameters.
+        regime: Training frames of the protocol that the model learned from.
+        encoder: Encoder that a network was trained through; None for models that use none.
+        sensor: Sensor that made the frames.
+        seed: Seed of the training; the presses have the protocol's seed.
+        partial: Whether the run was cut short; no board takes such a run.
+        limits: Options that cut the run short.
+        identity: Everything that determines the result; its hash ends ``name``.
+        environment: Machine and software.
+        metrics: Results, one row a metric and group.
+        speed: Times, one row a scenario, batch, number of threads and phase.
         timed: Of a row that was timed in another arithmetic than it was scored in: that arithmetic.
             Nothing but its ``configuration`` is read.
+        efficiency: Size of the model and work of one frame.
+        training: Training of the model.
+        data: Numbers of presses, and what was seen of a tested sensor.
+        signature: One line that makes the numbers reproducible; it is printed under every table.
+        reproduced: Reproduction of the run by somebody else; None: as submitted.
     """
 
     schema_: Literal[1] = Field(alias="schema")
