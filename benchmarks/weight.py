@@ -63,7 +63,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/scaffold": (115, 2),
     "tactibench/stats": (351, 4),
     "tactibench/superposition": (1051, 5),
-    "tactibench/sweep": (469, 3),
+    "tactibench/sweep": (471, 3),
     "tactibench/testing": (1274, 6),
     "tactibench/training": (1274, 8),
 }

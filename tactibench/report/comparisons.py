@@ -42,7 +42,7 @@ from tactibench.report.tables import (
     print_table,
     table,
 )
-from tactibench.sweep import AXES, Cell, CellState
+from tactibench.sweep import AXES, STATES, Cell, CellState
 
 DECIMALS = {"mm": 4, "deg": 3, "share": 2, "per frame": 3}
 MISSES = (
@@ -194,7 +194,7 @@ def print_sweep(console: Console, states: Mapping[Cell, CellState], store: Path)
         if state.why:
             console.print(Text(f"{cell.label}: {state.why}"), soft_wrap=True)
     counts = Counter(state.state for state in states.values())
-    parts = ", ".join(f"{count} {state}" for state, count in counts.items())
+    parts = ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])
     console.print(Text(f"{plural(len(states), 'cell')}: {parts}; store {store}"), soft_wrap=True)
 
 

@@ -7,6 +7,7 @@ from .cells import list_cells as list_cells
 from .cells import read_choice as read_choice
 from .cells import read_sweep as read_sweep
 from .cluster import NO_GPU as NO_GPU
+from .cluster import STATES as STATES
 from .cluster import CellState as CellState
 from .cluster import Storage as Storage
 from .cluster import local_client as local_client

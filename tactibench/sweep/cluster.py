@@ -53,6 +53,9 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 LOCAL_PAGE = "127.0.0.1:0"
 """Address of dask's web server: any free port, since 8787, the default, may be another sweep's."""
 
+STATES = ("in the store", "run", "to do", "failed")
+"""States of a cell, in the order in which summaries count them."""
+
 _RECORD_ONLY = ("commit", "data", "weights_hash", "predictions_hash", "stored", CHECKSUM)
 """Keys of a record's identity that the identity of its plan does not have."""
 
@@ -78,7 +81,7 @@ class CellState:
     """The state of a cell before or after it ran.
 
     Attributes:
-        state: "in the store", "to do", "run" or "failed".
+        state: One of ``STATES``.
         name: Name of the run; "" where it failed.
         why: Sentence that says why it failed or cannot be run.
         seconds: Time that it took, s; None: it was not run.
@@ -86,7 +89,7 @@ class CellState:
         trained: Whether these weights are in the cache.
     """
 
-    state: Literal["in the store", "to do", "run", "failed"]
+    state: Literal["in the store", "run", "to do", "failed"]
     name: str = ""
     why: str = ""
     seconds: float | None = None
