@@ -41,7 +41,7 @@ from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.distance import cdist
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench.markers import Tracker, Tracks, pin_graph, rest_layout
+from tactibench.markers import Tracker, Tracks, pin_graph
 from tactibench.plugins import PluginHost
 from tactibench_sim import Renderer, SimulatedSensor
 
@@ -116,7 +116,7 @@ def show_real(pins: str, every: int) -> np.ndarray | None:
     with (folder / "targets.csv").open(newline="") as table:
         names = [row["image_name"] for row in csv.DictReader(table)][::every]
     rest = gray(folder / "frames_bw" / "init_0.png")
-    tracker = Tracker(rest, refine="centroid")
+    tracker = Tracker(rest, refine=False)
     ours = theirs = 0.0
     parts = []
     tracker.track(rest[None])
@@ -192,8 +192,8 @@ def show_simulated(host: PluginHost, name: str, count: int) -> None:
     discs = np.stack(sensor.renderer.project(sensor.points(drawn)), axis=-1)
     true = discs[..., :2]
     rest = sensor.rest().image
-    for refine in ("profile", "centroid"):
-        tracker = Tracker(rest, refine=refine)
+    for kind in ("profile", "centroid"):
+        tracker = Tracker(rest, refine=kind == "profile")
         tracker.track(images[:1])
         tracks, spent = timed(partial(tracker.track, images))
         still = np.stack(sensor.renderer.project(sensor.points([_untouched()])), axis=-1)[0, :, :2]
@@ -205,7 +205,7 @@ def show_simulated(host: PluginHost, name: str, count: int) -> None:
         means = [tracked[phase == k].mean() for k in range(10)]
         left = np.sqrt(np.mean([tracked[phase == k].var() / np.sum(phase == k) for k in range(10)]))
         print(
-            f"{name} {refine}: rms {np.sqrt(np.mean(tracked**2)):.4f} px, median |e| "
+            f"{name} {kind}: rms {np.sqrt(np.mean(tracked**2)):.4f} px, median |e| "
             f"{np.median(np.abs(tracked)):.4f}, bias {np.sqrt(np.mean(np.square(means))):.4f} "
             f"(noise alone {left:.4f}), lost {1 - near.mean():.3%}, seen "
             f"{tracks.seen.mean():.3%}; {count / spent:,.0f} frames/s"
@@ -238,7 +238,7 @@ def main() -> None:
         xy = show_real(pins, options.every)
         if xy is None:
             image = host.sensors[f"tactip-{pins}"].load()(SensorContext(np.random.SeedSequence(7)))
-            rest = rest_layout(image.rest().image)
+            rest = Tracker(image.rest().image).rest
             xy = rest + np.random.default_rng(5).normal(0, 0.3, (200, *rest.shape))
         show_graphs(pins, xy[:: max(1, len(xy) // 500)])
     for name in ("tactip-127", "tactip-331"):

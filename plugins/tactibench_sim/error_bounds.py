@@ -1,4 +1,4 @@
-"""Measured error bounds of the table tiers: how far a scene may be from finite elements.
+"""Measured error bounds of tier ``coupled``: how far a scene may be from finite elements.
 
 The file that ships holds what scripts/fem/error_bounds.py measured on the reference scenes with
 the tables that ship, on the nominal dome: tips of R = 3 mm, and singles and pairs of sharper and of
@@ -37,9 +37,6 @@ Array = npt.NDArray[np.float64]
 FILE = "error_bounds.json"
 RADIUS_MM = 3.0
 """Radius of the tips of the nominal reference scenes; ``OtherTips`` holds bounds for others."""
-BETWEEN = 1.5
-"""Factor on linearly interpolated errors of superposing, which are larger between the nodes (tested
-on every reference scene)."""
 _ON_NODE = 1e-9  # a value that rounding put this little above a node still is on it
 _OFF_APEX = 1e-6  # rad; nearer contacts differ from one at the apex by rounding alone
 
@@ -98,11 +95,10 @@ class OtherTips:
     single: Envelope
     pair: Envelope
 
-    def bound(self, tier: str, n: Array, delta: Array) -> Array:
+    def bound(self, n: Array, delta: Array) -> Array:
         """Return the (S,) bounds of S scenes, mm; inf where they are unknown.
 
         Args:
-            tier: Tier of the mechanics, "coupled" or "superpose".
             n: (S, K, 3) directions of the tips.
             delta: (S, K) penetrations, mm.
         """
@@ -113,8 +109,7 @@ class OtherTips:
         out = self.single.bound(*alone)
         # Two contacts are not taken to be more exact than the deeper of them alone.
         out = np.where(count > 1, np.maximum(out, self.pair.bound(n, depth)), out)
-        # What adding up contacts changes is measured at RADIUS_MM alone.
-        return np.where(count > (2 if tier == "coupled" else 1), np.inf, out)
+        return np.where(count > 2, np.inf, out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +120,8 @@ class Bounds:
         depth: (D,) nodes of the penetration, mm.
         polar: (B,) nodes of the polar angle, rad.
         single: (B, D) bounds of one contact up to each polar angle and penetration.
-        pair: Bound of two contacts in tier ``coupled``.
-        many: Bound of more than two contacts in tier ``coupled``.
-        angle: (A,) nodes of the angle between two contacts, rad; the nearest one stands for angles
-            outside.
-        added_depth: (D',) nodes of the penetrations of a pair, mm.
-        added: (A, D', D') differences of ``superpose`` from ``coupled`` for a pair, mm, all finite.
+        pair: Bound of two contacts.
+        many: Bound of more than two contacts.
         others: Bounds of tips of other radii.
     """
 
@@ -139,9 +130,6 @@ class Bounds:
     single: Array
     pair: Envelope
     many: Envelope
-    angle: Array
-    added_depth: Array
-    added: Array
     others: tuple[OtherTips, ...] = ()
 
     def alone(self, polar: Array, deepest: Array) -> Array:
@@ -156,29 +144,8 @@ class Bounds:
         out: Array = padded[row, np.searchsorted(self.depth, deepest - _ON_NODE)]
         return np.where(deepest > 0, out, 0.0)
 
-    def superposing(self, angle: Array, first: Array, second: Array) -> Array:
-        """Return the bounds of what adding up the fields of a pair changes, mm.
-
-        Args:
-            angle: Angles between the two contacts, rad, of any shape.
-            first: Penetrations of one contact, mm, of the same shape.
-            second: Penetrations of the other contact, mm, of the same shape.
-        """
-        from scipy.interpolate import RegularGridInterpolator  # only this tier needs it
-
-        nodes = self.angle, self.added_depth, self.added_depth
-        table = RegularGridInterpolator(nodes, self.added)
-        last = self.added_depth[-1]
-        inside = [
-            np.clip(angle, self.angle[0], self.angle[-1]),
-            np.clip(first, 0.0, last),
-            np.clip(second, 0.0, last),
-        ]
-        out: Array = BETWEEN * table(np.stack(inside, axis=-1))
-        return np.where(np.maximum(first, second) > last, np.inf, out)
-
-    def coupled(self, n: Array, delta: Array) -> Array:
-        """Return (S,) bounds of tier ``coupled``, mm.
+    def nominal(self, n: Array, delta: Array) -> Array:
+        """Return the (S,) bounds of scenes, mm.
 
         Args:
             n: (S, K, 3) directions of tips of RADIUS_MM.
@@ -192,21 +159,6 @@ class Bounds:
             if rows.any():
                 # Several contacts are not taken to be more exact than the deepest of them alone.
                 bound[rows] = np.maximum(bound[rows], envelope.bound(n[rows], depth[rows]))
-        return bound
-
-    def superposed(self, n: Array, delta: Array) -> Array:
-        """Return (S,) bounds of tier ``superpose``, mm: ``coupled`` plus what pairs change.
-
-        Args:
-            n: (S, K, 3) directions of tips of RADIUS_MM.
-            delta: (S, K) penetrations, mm.
-        """
-        bound = self.coupled(n, delta)
-        for i, j in combinations(range(delta.shape[1]), 2):
-            rows = np.flatnonzero((delta[:, i] > 0) & (delta[:, j] > 0))
-            if len(rows):
-                angle = angle_between(n[rows, i], n[rows, j])
-                bound[rows] += self.superposing(angle, delta[rows, i], delta[rows, j])
         return bound
 
 
@@ -239,7 +191,7 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
     """Return how far a pin base of each scene may be from finite elements.
 
     Args:
-        tier: Tier of the mechanics, "coupled" or "superpose".
+        tier: Tier of the mechanics; only "coupled" was measured.
         digest: Digest of the tables; only those that ship were measured.
         tips: Tips of S scenes.
 
@@ -249,16 +201,15 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
     tables_digest, tips_digest, bounds = shipped_bounds()
     n, delta = tips.directions()
     out = np.full(len(tips), np.inf)
-    if digest == tables_digest:
+    if tier == "coupled" and digest == tables_digest:
         rows = tips.radius == RADIUS_MM
         if rows.any():
-            evaluate = bounds.coupled if tier == "coupled" else bounds.superposed
-            out[rows] = evaluate(n[rows], delta[rows])
+            out[rows] = bounds.nominal(n[rows], delta[rows])
         for other in bounds.others:
             rows = (tips.radius >= other.smallest) & (tips.radius <= other.largest)
             rows &= tips.radius != RADIUS_MM
             if rows.any() and shipped_file("tips.npz").digest == tips_digest:
-                out[rows] = other.bound(tier, n[rows], delta[rows])
+                out[rows] = other.bound(n[rows], delta[rows])
     out[(delta <= 0).all(axis=1)] = 0.0  # nothing touches: the rest frame
     return out
 
@@ -293,9 +244,6 @@ def bounds_from_json(text: str) -> tuple[str, str, Bounds]:
         single=_array(content["single"]),
         pair=_envelope(content["pair"]),
         many=_envelope(content["many"]),
-        angle=_array(content["angle"]),
-        added_depth=_array(content["added_depth"]),
-        added=_array(content["added"]),
         others=tuple(_other_tips(values) for values in content["others"]),
     )
     return content["tables"], content["tips"], bounds

@@ -1,13 +1,9 @@
-"""Measured error bounds of the tiers, against the finite-element scenes that ship.
+"""Measured error bounds of tier ``coupled``, against the finite-element scenes that ship.
 
     PYTHONPATH=.:plugins python scripts/fem/error_bounds.py error_bounds.json
 
 It takes seconds. The file belongs in plugins/tactibench_sim/data; ``tactibench_sim.error_bounds``
-reads it and explains the bounds.
-
-The error of ``superpose`` is, by the triangle inequality, no larger than that of ``coupled`` and
-the difference of the two tiers together. Bounds are measured for one table file and unknown for any
-other.
+reads it and explains the bounds. They are measured for one table file and unknown for any other.
 """
 
 from __future__ import annotations
@@ -28,7 +24,6 @@ import numpy.typing as npt
 from fem_script import output_file, write_file
 from scipy.optimize import linprog
 
-from tactibench.geometry import DOME_RADIUS_MM
 from tactibench.lab import atomic
 from tactibench_sim import (
     LARGEST_MM,
@@ -40,7 +35,6 @@ from tactibench_sim import (
     ReferenceScene,
     TableMechanics,
     Tables,
-    Tips,
     angle_between,
     envelope_terms,
     read_file,
@@ -53,12 +47,8 @@ Array = npt.NDArray[np.float64]
 OTHER_TIPS = Path(__file__).resolve().parents[2] / "tests" / "sim" / "data" / "other_tips.npz"
 DEPTH_MM = (1.0, 2.0, 3.0, 4.5, 6.0, 6.5)
 POLAR_DEG = (20.0, 40.0, 55.0)
-ANGLE_DEG = (14.0, 18.5, 24.0, 31.0, 40.0)
 OTHERS_MM = ((SMALLEST_MM, RADIUS_MM), (RADIUS_MM, LARGEST_MM))
 """Radii of sharper and of blunter tips: errors of blunt ones hardly grow with depth."""
-ADDED_DEPTH_MM = (0.0, 0.75, 1.75, 3.0, 4.5, 6.0)
-CHART_DEG = np.arange(-75.0, 76.0, 2.5)
-"""Angles from the middle of a pair, in both directions, where the two tiers are compared."""
 MARGIN = 0.05
 """The factor is rounded up to a multiple of this: half a dozen families of runs do not determine it
 more finely."""
@@ -120,10 +110,9 @@ def measure(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[Measured]:
 
 
 def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
-    """Return the bounds of the tiers with the given tables, for the tips of the scenes."""
+    """Return the bounds with the given tables, for the tips of the scenes."""
     every = measure(tables, scenes)
     errors = [scene for scene in every if scene.radius == RADIUS_MM]
-    coupled, superposed = TableMechanics(tables, "coupled"), TableMechanics(tables, "superpose")
     alone = [scene for scene in errors if len(scene.delta) == 1]
     rings = np.radians(POLAR_DEG)
     return Bounds(
@@ -132,9 +121,6 @@ def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
         single=_singles(rings, alone),
         pair=envelope([scene for scene in errors if len(scene.delta) == 2]),
         many=envelope([scene for scene in errors if len(scene.delta) > 2]),
-        angle=np.radians(ANGLE_DEG),
-        added_depth=np.array(ADDED_DEPTH_MM),
-        added=np.stack([_added(coupled, superposed, math.radians(deg)) for deg in ANGLE_DEG]),
         others=tuple(
             OtherTips(low, high, *(envelope(some) for some in other_tips(every, low, high)))
             for low, high in OTHERS_MM
@@ -289,25 +275,9 @@ def _singles(rings: Array, alone: Sequence[Measured]) -> Array:
     return np.stack(rows)
 
 
-def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) -> Array:
-    """Return (D', D') largest differences of the tiers, mm, of two contacts ``angle`` rad apart."""
-    depths = np.stack(np.meshgrid(ADDED_DEPTH_MM, ADDED_DEPTH_MM, indexing="ij"), axis=-1)
-    half, reach = angle / 2, DOME_RADIUS_MM + RADIUS_MM
-    n = np.array([[-math.sin(half), 0.0, math.cos(half)], [math.sin(half), 0.0, math.cos(half)]])
-    centres = (reach - depths.reshape(-1, 2))[..., None] * n
-    height = np.sqrt(reach**2 - (centres[..., :2] ** 2).sum(axis=-1))
-    tips = Tips(centres[..., :2], height - centres[..., 2], np.full(len(centres), RADIUS_MM))
-    a, b = np.radians(np.meshgrid(CHART_DEG, CHART_DEG, indexing="ij")).reshape(2, -1)
-    angle_off, ratio = np.hypot(a, b), np.sinc(np.hypot(a, b) / np.pi)
-    at = np.stack([a * ratio, b * ratio, np.cos(angle_off)], axis=-1)
-    first, second = (tier.displacement(tier.loads(tips), at)[0] for tier in (coupled, superposed))
-    apart: Array = np.linalg.norm(first - second, axis=-1).max(axis=-1)
-    return np.where(depths.min(axis=-1) > 0, apart.reshape(depths.shape[:2]), 0.0)
-
-
 def main() -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(description="Measure the error bounds of the tiers.")
+    parser = argparse.ArgumentParser(description="Measure the error bounds of tier coupled.")
     parser.add_argument("out", type=output_file)
     given = parser.parse_args()
     tables, scenes = shipped_dome(), (*reference_scenes(), *reference_scenes(read_file(OTHER_TIPS)))

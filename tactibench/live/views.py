@@ -62,7 +62,7 @@ class PinLines:
         self._tracker: Tracker | None
         try:
             # Centroids take 0.05 ms, and nobody sees an error of a tenth of a pixel on the page.
-            self._tracker = Tracker(rest, refine="centroid")
+            self._tracker = Tracker(rest, refine=False)
         except UserError:
             self._tracker = None
 

@@ -21,4 +21,3 @@ from .pin_tracker import rest_images as rest_images
 from .tracker import Tracker as Tracker
 from .tracker import Tracks as Tracks
 from .tracker import count_pins as count_pins
-from .tracker import rest_layout as rest_layout

@@ -46,37 +46,24 @@ class PinGraph:
 
 
 def pin_graph(xy: Array) -> PinGraph:
-    """Return the Delaunay edges of pins (P, 2) px and the areas of their Voronoi cells, any P.
+    """Return the Delaunay edges of pins (P, 2) px and the areas of their Voronoi cells.
 
-    Pins that coincide are joined by an edge and share one cell equally. Pins on one line are joined
-    along it, all of them at the border. A single pin, or a pin with NaN, has no edge and area 0.
+    Pins that coincide are joined by an edge and share one cell equally.
 
     Raises:
-        UserError: The shape of ``xy`` is not (P, 2).
+        UserError: The pins lie on a line, or are fewer than three.
     """
-    xy = np.asarray(xy, dtype=np.float64)
-    if xy.ndim != 2 or xy.shape[1] != 2:
-        raise UserError(f"the pins have shape {xy.shape}; a graph is made of pins (P, 2).")
-    finite = np.flatnonzero(np.isfinite(xy).all(axis=1))
-    if len(finite) < len(xy):
-        part = pin_graph(xy[finite])
-        area, border = np.zeros(len(xy)), np.zeros(len(xy), dtype=np.bool_)
-        area[finite], border[finite] = part.area, part.border
-        return PinGraph(finite[part.edges], area, border)
     corners, hull = _triangulate(xy)
-    if len(corners):
-        pairs = corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        twin = _nearest_corner(xy, corners)
-    else:
-        pairs, twin = _join_line(xy)
+    pairs = corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    twin = _nearest_corner(xy, corners)
     doubled = np.flatnonzero(twin != np.arange(len(xy)))
     pairs = np.concatenate([pairs, np.stack([doubled, twin[doubled]], axis=1)])
     number = np.unique(pairs.min(axis=1) * len(xy) + pairs.max(axis=1))
-    edges = np.stack(np.divmod(number, max(len(xy), 1)), axis=1)
+    edges = np.stack(np.divmod(number, len(xy)), axis=1)
     both_ways = np.sort(np.concatenate([number, edges[:, 1] * len(xy) + edges[:, 0]]))
-    pin, neighbour = np.divmod(both_ways, max(len(xy), 1))
+    pin, neighbour = np.divmod(both_ways, len(xy))
     first = np.searchsorted(pin, np.arange(len(xy) + 1))
-    border = np.full(len(xy), not len(corners))
+    border = np.zeros(len(xy), dtype=np.bool_)
     area = _cells(np.ascontiguousarray(xy), corners, hull, first, neighbour, border)
     area /= np.bincount(twin, minlength=len(xy)).clip(1)
     area[doubled], border[doubled] = area[twin[doubled]], border[twin[doubled]]
@@ -86,17 +73,16 @@ def pin_graph(xy: Array) -> PinGraph:
 def _triangulate(xy: Array) -> tuple[Edges, Edges]:
     """Return the corners (T, 3) of all triangles and (H, 3) of those with a side on the hull.
 
-    In the second array the two ends of the side on the hull come first. For pins on a line both
-    arrays are empty.
+    In the second array the two ends of the side on the hull come first.
     """
-    none = np.empty((0, 3), dtype=np.int64)
-    if len(xy) < 3:
-        return none, none
     try:
         # Centred: Qhull would round differences of large coordinates away.
         triangulation = Delaunay(xy - xy.mean(axis=0))
     except QhullError:
-        return none, none
+        raise UserError(
+            f"the {len(xy)} pins lie on a line, which has no Voronoi cells; a model with a graph "
+            "of pins needs a rest frame with all pins."
+        ) from None
     corners = triangulation.simplices.astype(np.int64)
     triangle, opposite = np.nonzero(triangulation.neighbors < 0)
     turn = (opposite[:, None] + [1, 2, 0]) % 3
@@ -112,14 +98,6 @@ def _nearest_corner(xy: Array, corners: Edges) -> Edges:
         away = np.square(xy[left_out, None] - xy[used]).sum(axis=-1)
         nearest[left_out] = used[away.argmin(axis=1)]
     return nearest
-
-
-def _join_line(xy: Array) -> tuple[Edges, Edges]:
-    """Return (E, 2) pairs of successive pins on a line, and (P,) the first pin at each place."""
-    wide, high = np.ptp(xy, axis=0) if len(xy) else (0.0, 0.0)
-    along = xy if wide >= high else xy[:, ::-1]
-    _, first, place = np.unique(along, axis=0, return_index=True, return_inverse=True)
-    return np.stack([first[:-1], first[1:]], axis=1), first[place.ravel()]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -284,7 +284,6 @@ def fit_discs(image, dark, contrast, edge, usual, held, sweeps, disc, cover):  #
 
 Index = npt.NDArray[np.int64]
 
-REFINEMENTS = ("profile", "centroid")
 _SWEEPS = 12
 """Most sweeps of the fit of discs to a frame."""
 MOST_PINS = 2_000
@@ -314,20 +313,6 @@ half of a blur of 1 px; twelve sweeps, each step from the start of the sharp dis
 much for the same pins."""
 
 
-def rest_layout(image: Images) -> Array:
-    """Return the pins of an undeformed frame (H, W) uint8, (P, 2) px, from the top row down.
-
-    Pixel (row i, column j) has its centre at x = j, y = i.
-
-    Raises:
-        UserError: The frame is no (H, W) uint8 array, shows fewer than three pins, or shows more
-            bright spots than any sensor has pins.
-    """
-    xy, area = _find_pins(image)
-    profile = fit_profile(image, xy, area)
-    return xy if profile is None else profile.disc[:, :2].copy()
-
-
 def count_pins(image: Images) -> int:
     """Return how many pins an undeformed frame (H, W) uint8 shows, without placing them.
 
@@ -345,7 +330,7 @@ class Tracks:
     Attributes:
         xy: (N, P, 2) px, never NaN.
         seen: (N, P), False where a pin is predicted from its neighbours.
-        radius: (N, P) radii of the discs that were fitted, px; NaN where centroids were used.
+        radius: (N, P) radii of the discs that were fitted, px; NaN where none were.
     """
 
     xy: Array
@@ -378,45 +363,31 @@ class Tracker:
     """A tracker of the pins of one sensor in its frames, each frame by itself.
 
     Bright blobs are matched to the layout by growth from certain pins (module ``matching``).
-    With refinement "profile" soft discs with the profile at rest are then fitted to the grey
-    levels, all pins of a frame together (``profile_fit``). With "centroid" positions are those of
-    the blobs.
+    Soft discs with the profile at rest are then fitted to the grey
+    levels, all pins of a frame together. Without a profile positions are those of the blobs.
 
     Attributes:
-        rest: (P, 2) px, the pins at rest, read-only.
-        refine: The refinement in use, "profile" or "centroid".
+        rest: (P, 2) px, the pins at rest, read-only; from the top row down.
         shape: Height and width of the frames.
-        profile: The profile of pins at rest; None where the refinement is "centroid".
+        profile: The profile of pins at rest; None where positions are those of the blobs.
     """
 
-    def __init__(self, rest_image: Images, *, refine: str = "auto") -> None:
+    def __init__(self, rest_image: Images, *, refine: bool = True) -> None:
         """Find the pins at rest.
 
         Args:
             rest_image: (H, W) uint8 of the undeformed sensor.
-            refine: "profile", "centroid" or "auto", the profile wherever the rest frame is grey and
-                its pins are soft discs.
+            refine: Whether to fit discs wherever the rest frame is grey and its pins are soft.
 
         Raises:
-            UserError: ``refine`` has no such value; the frame is no (H, W) uint8 array or shows no
-                pins; or ``refine`` is "profile" and the pins are no soft discs.
+            UserError: The frame is no (H, W) uint8 array or shows no pins.
         """
-        if refine not in ("auto", *REFINEMENTS):
-            raise UserError(f"refine is {refine!r}; allowed: auto, {', '.join(REFINEMENTS)}.")
         xy, area = _find_pins(rest_image)
-        self.profile: PinProfile | None = None
-        if refine != "centroid":
-            self.profile = fit_profile(rest_image, xy, area)
-        if self.profile is None and refine == "profile":
-            raise UserError(
-                "the rest frame shows no soft discs whose profile could be fitted; use refine "
-                "centroid or auto."
-            )
+        self.profile = fit_profile(rest_image, xy, area) if refine else None
         rest = xy if self.profile is None else self.profile.disc[:, :2]
         self.rest: Array = np.array(rest, dtype=np.float64, order="C")
         self.rest.setflags(write=False)
         self.shape = (int(rest_image.shape[0]), int(rest_image.shape[1]))
-        self.refine = "centroid" if self.profile is None else "profile"
         self._layout = _layout_of(self.rest)
 
     def track(self, images: npt.NDArray[Any]) -> Tracks:
@@ -425,16 +396,10 @@ class Tracker:
         Raises:
             UserError: The frames are no uint8 array of this shape, with the sensor's H and W.
         """
-        if (
-            not isinstance(images, np.ndarray)
-            or images.dtype != np.uint8
-            or images.ndim != 3
-            or images.shape[1:] != self.shape
-        ):
-            kind = getattr(images, "shape", None), getattr(images, "dtype", type(images).__name__)
+        if images.dtype != np.uint8 or images.shape[1:] != self.shape:
             raise UserError(
-                f"the frames have shape {kind[0]} and type {kind[1]}; pins are tracked in gray "
-                f"frames (N, {self.shape[0]}, {self.shape[1]}) of uint8."
+                f"the frames have shape {images.shape} and type {images.dtype}; pins are tracked "
+                f"in gray frames (N, {self.shape[0]}, {self.shape[1]}) of uint8."
             )
         images = np.ascontiguousarray(images)
         xy = np.empty((len(images), *self.rest.shape))
@@ -448,8 +413,8 @@ class Tracker:
         """Return the pins of frames in which their places are roughly known.
 
         Discs are fitted from these places, which tells overlapping pins apart; no blob is sought. A
-        pin whose disc shrinks has no light there and is not seen. With refinement "centroid"
-        nothing can be fitted: xy is returned as it is, and no pin is seen.
+        pin whose disc shrinks has no light there and is not seen. Without a profile nothing can be
+        fitted: xy is returned as it is, and no pin is seen.
 
         Args:
             images: (N, H, W) uint8.
@@ -481,11 +446,10 @@ def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
         UserError: The frame is no (H, W) uint8 array, shows fewer than three pins, or shows more
             bright spots than any sensor has pins.
     """
-    if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype != np.uint8:
-        kind = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
+    if image.ndim != 2 or image.dtype != np.uint8:
         raise UserError(
-            f"the rest frame has shape {kind[0]} and type {kind[1]}; pins are found in a gray "
-            "frame (H, W) of uint8."
+            f"the rest frame has shape {image.shape} and type {image.dtype}; pins are found in a "
+            "gray frame (H, W) of uint8."
         )
     out = np.empty((image.size // 2 + 64, 3))
     run = np.empty((4, image.size // 2 + 64), dtype=np.int32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import drawn_pins
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -35,12 +36,7 @@ def drawn() -> Callable[..., npt.NDArray[np.uint8]]:
 def hexagon() -> Callable[[float, float], Array]:
     """(61, 2) px in a frame of ``size`` px: pins ``pitch`` px apart, around the middle."""
 
-    def _hexagon(pitch: float, size: float) -> Array:
-        steps = range(-4, 5)
-        axial = np.array([(i, j) for i in steps for j in steps if abs(i + j) <= 4])
-        return pitch * axial @ np.array([[1.0, 0.0], [0.5, np.sqrt(3) / 2]]) + size / 2
-
-    return _hexagon
+    return lambda pitch, size: drawn_pins.hexagon(4, pitch, size / 2)
 
 
 @pytest.fixture

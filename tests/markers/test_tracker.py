@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.markers import Tracker, Tracks, rest_layout
+from tactibench.markers import Tracker, Tracks
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -60,7 +60,7 @@ def test_pins_at_rest_are_where_discs_were_drawn(drawn, rings, soft, tolerance) 
     image = drawn(true, 3.7, 360, soft=soft)
     if not soft:
         image = np.where(image > 100, 255, 0).astype(np.uint8)
-    assert nearest(rest_layout(image), true).max() < tolerance
+    assert nearest(Tracker(image).rest, true).max() < tolerance
 
 
 def test_the_rim_and_specks_are_no_pins_at_rest(drawn, rings) -> None:
@@ -69,13 +69,13 @@ def test_the_rim_and_specks_are_no_pins_at_rest(drawn, rings) -> None:
     away = np.hypot(row - 179.5, column - 179.5)
     image[(away > 165) & (away < 169)] = 208
     image[5, 5] = image[350, 7] = image[350, 352] = 208
-    assert nearest(rest_layout(image), rings).max() < 0.25
+    assert nearest(Tracker(image).rest, rings).max() < 0.25
 
 
 def test_pins_that_touch_at_rest_are_split(drawn) -> None:
     alone = [[20.0 + 20 * i, 20.0 + 20 * j] for i in range(8) for j in range(8)]
     true = np.array([*alone, [60.0, 185.0], [68.5, 188.0]])
-    assert nearest(rest_layout(drawn(true, 5.0, 200, soft=True)), true).max() < 0.7
+    assert nearest(Tracker(drawn(true, 5.0, 200, soft=True)).rest, true).max() < 0.7
 
 
 @settings(max_examples=25)
@@ -139,7 +139,7 @@ def test_blurred_pins_are_followed_with_softer_discs(drawn, hexagon, blur) -> No
     rest, xy = (
         hexagon + dimple(hexagon, np.array([100.0, 110.0]), height, 40.0) for height in (0.0, 3.0)
     )
-    tracker = Tracker(drawn(rest, 3.5, 200, soft=True), refine="profile")
+    tracker = Tracker(drawn(rest, 3.5, 200, soft=True))
     sharp = drawn(xy, 3.5, 200, soft=True)
     soft = np.round(gaussian_filter(sharp.astype(float), blur)).astype(np.uint8)
     found, clear = tracker.track(soft[None]), tracker.track(sharp[None])
@@ -173,7 +173,6 @@ def test_an_even_frame_leaves_pins_at_rest_unseen(tracker, level) -> None:
         np.zeros((200, 200), dtype=np.uint8),
         np.zeros((2, 100, 200), dtype=np.uint8),
         np.zeros((2, 200, 200)),
-        [[1]],
     ],
 )
 def test_other_frames_are_refused(tracker, images) -> None:
@@ -186,7 +185,7 @@ def test_other_frames_are_refused(tracker, images) -> None:
 )
 def test_other_rest_frames_are_refused(image) -> None:
     with pytest.raises(UserError, match="the rest frame"):
-        rest_layout(image)
+        Tracker(image)
 
 
 @pytest.mark.long
@@ -206,15 +205,12 @@ def test_simulated_pins_are_found_to_a_hundredth_of_a_pixel() -> None:
     which = np.linalg.norm(true[2][:, None] - tracker.rest, axis=-1).argmin(axis=1)
     assert sorted(which) == list(range(127))
     assert np.abs(tracker.rest[which] - true[2]).max() < 0.01
-    assert np.array_equal(tracker.rest, rest_layout(sensor.rest().image))
     tracks = tracker.track(images)
     error = tracks.xy[:, which] - true
     assert tracks.seen.all()
     assert np.sqrt(np.mean(error**2)) < 0.012
     assert np.abs(error).max() < 0.06
     assert np.corrcoef(tracks.radius[:, which].ravel(), radius.ravel())[0, 1] > 0.6
-    plain = Tracker(sensor.rest().image, refine="centroid").track(images)
-    assert np.isnan(plain.radius).all()
 
 
 @pytest.mark.parametrize("pins", [127, 331])
@@ -239,7 +235,6 @@ def test_every_pin_of_real_presses_is_followed(pins) -> None:
 def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexagon) -> None:
     """Three discs of 7 px within 5 px are one blob; known to half a spacing they are three."""
     whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
-    assert whole.refine == "profile"
     middle = np.argsort(np.hypot(*(whole.rest - 100).T))[:3]
     true = whole.rest.copy()
     true[middle] = true[middle].mean(axis=0) + 0.35 * (true[middle] - true[middle].mean(axis=0))

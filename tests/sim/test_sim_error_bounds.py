@@ -1,4 +1,4 @@
-"""Error bounds of the tiers: those that ship are what tables and reference scenes give."""
+"""Error bounds of tier ``coupled``: those that ship are what tables and reference scenes give."""
 
 from dataclasses import fields, replace
 from itertools import combinations
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.long
 
 TABLES, SCENES = shipped_dome(), reference_scenes()
 OTHERS = OTHER_TIPS
-COUPLED, SUPERPOSED = (TableMechanics(TABLES, tier) for tier in ("coupled", "superpose"))
+COUPLED = TableMechanics(TABLES, "coupled")
 SINGLE, DUAL, TRIPLE = Indenter.single(), Indenter.dual(8.0), Indenter.triple((0, 1, 0.5))
 
 
@@ -39,8 +39,8 @@ def sensor(kind=TacTip127, **parameters):
     return kind(SensorContext(np.random.SeedSequence(0)), **parameters)
 
 
-def of(tips, tier="coupled", digest=TABLES.digest):
-    return scene_bounds(tier, digest, tips)
+def of(tips, digest=TABLES.digest):
+    return scene_bounds("coupled", digest, tips)
 
 
 def bounds_of(*scenes, **more):
@@ -50,11 +50,6 @@ def bounds_of(*scenes, **more):
 @pytest.fixture(scope="module")
 def bounds():
     return measured(TABLES, (*SCENES, *OTHERS))
-
-
-@pytest.fixture(scope="module")
-def errors():
-    return measure(TABLES, SCENES)
 
 
 def test_the_bounds_that_ship_are_measured_and_of_the_tables_that_ship(bounds):
@@ -78,10 +73,9 @@ def test_the_bounds_that_ship_are_measured_and_of_the_tables_that_ship(bounds):
 
 def test_no_reference_scene_is_worse_than_its_bound():
     for scene in SCENES:
-        for mechanics in (COUPLED, SUPERPOSED):
-            u, _ = mechanics.displacement(mechanics.loads(scene.as_tips), scene.directions)
-            error = np.linalg.norm(u[0] - scene.displacement, axis=1).max()
-            assert error <= of(scene.as_tips, mechanics.tier)[0], scene.name
+        u, _ = COUPLED.displacement(COUPLED.loads(scene.as_tips), scene.directions)
+        error = np.linalg.norm(u[0] - scene.displacement, axis=1).max()
+        assert error <= of(scene.as_tips)[0], scene.name
 
 
 @pytest.mark.parametrize("kind", ["single", "pair"])
@@ -103,8 +97,6 @@ def test_no_scene_of_another_radius_is_worse_than_its_bound():
         u, _ = mechanics.displacement(mechanics.loads(scene.as_tips), scene.directions)
         error = np.linalg.norm(u[0] - scene.displacement, axis=1).max()
         assert error <= of(scene.as_tips)[0] < 0.2, scene.name
-        alone = of(scene.as_tips, "superpose")[0]
-        assert alone == of(scene.as_tips)[0] if len(scene.tips) == 1 else np.isinf(alone)
 
 
 def test_envelope_terms_are_those_of_the_formula():
@@ -173,7 +165,8 @@ def test_another_radius_is_known_with_its_own_tables(radius, monkeypatch):
 def test_another_table_or_tier_or_instance_is_unknown():
     scene = Scene(SINGLE, Pose(depth=2))
     assert np.isfinite(sensor().error_bounds([scene])).all()
-    assert np.isfinite(sensor(TacTip331, tier="superpose", pin_length=1.0).error_bounds([scene]))
+    assert np.isfinite(sensor(TacTip331, pin_length=1.0).error_bounds([scene]))
+    assert np.isinf(sensor(tier="superpose").error_bounds([scene])).all()
     assert np.isinf(bounds_of(scene, digest="0" * 64)).all()
     assert np.isinf(sensor(instance=3).error_bounds([scene])).all()
     assert sensor(Reference127).error_bounds([scene]) is None
@@ -187,9 +180,8 @@ def test_bounds_of_many_scenes_do_not_depend_on_each_other():
         Scene(TRIPLE, Pose(1, 2, 10, 0, 3)),
         Scene(SINGLE, Pose()),
     ]
-    for tier in ("coupled", "superpose"):
-        one_by_one = np.concatenate([bounds_of(scene, tier=tier) for scene in scenes])
-        assert bounds_of(*scenes, tier=tier) == pytest.approx(one_by_one)
+    one_by_one = np.concatenate([bounds_of(scene) for scene in scenes])
+    assert bounds_of(*scenes) == pytest.approx(one_by_one)
 
 
 def test_terms_are_counted():

@@ -12,7 +12,7 @@ from raw_camera import LEFT, SIDE, TOP, raw_frame
 
 from tactibench import UserError
 from tactibench.datasets import import_folder, open_recording, read_options
-from tactibench.markers import Tracker, count_pins, find_pin_view, is_raw, rest_layout
+from tactibench.markers import Tracker, count_pins, find_pin_view, is_raw
 
 PLACES = [(x, y) for x in (-3.0, 0.0, 3.0) for y in (-3.0, 0.0, 3.0)]
 
@@ -41,7 +41,7 @@ def test_all_pins_of_a_raw_picture_are_found_and_no_reflection(colour: bool) -> 
     seen = view.of(raw)
     assert is_raw(raw)
     assert seen.shape == (view.size, view.size)
-    found = (rest_layout(seen) + 0.5) * view.side / view.size - 0.5 + (view.left, view.top)
+    found = (Tracker(seen).rest + 0.5) * view.side / view.size - 0.5 + (view.left, view.top)
     scale = SIDE / drawn_pins.SIZE
     truth = (pins + 0.5) * scale - 0.5 + (LEFT, TOP)
     apart = np.linalg.norm(found[:, None] - truth, axis=2)
@@ -89,6 +89,6 @@ def test_a_missing_rest_frame_is_the_median_of_the_least_pressed(tmp_path: Path)
     rest = recording.rest_image()
     assert rest is not None
     assert "estimated" in " ".join(recording.notes)
-    np.testing.assert_allclose(rest_layout(rest), rest_layout(recording.image(0)), atol=0.1)
+    np.testing.assert_allclose(Tracker(rest).rest, Tracker(recording.image(0)).rest, atol=0.1)
     dataset = import_folder(light, tmp_path / "set", read_options([]))
     np.testing.assert_array_equal(dataset.rest, rest)
