@@ -48,7 +48,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_unet": (458, 3),
     "plugins/tactibench_vgnn": (387, 3),
     "tactibench": (816, 11),
-    "tactibench/board": (2178, 11),
+    "tactibench/board": (2023, 11),
     "tactibench/cli": (2303, 12),
     "tactibench/datasets": (3519, 17),
     "tactibench/frames": (1843, 11),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,42 +96,40 @@ def map_limits(sensor: Sensor, request: LimitRequest, advance: Callable[[int], N
     Raises:
         UserError: The sensor refuses all presses.
     """
-    grid = request.grid
-    x, y = grid.axes()
-    values = np.full((len(request.depths), len(request.quantities), *grid.shape), np.nan)
+    values = np.full((len(request.depths), len(request.quantities), *request.grid.shape), np.nan)
     refusals: list[str] = []
-    for d, depth in enumerate(request.depths):
-        for i, j in np.ndindex(*grid.shape):
-            pose = Pose(float(x[j]), float(y[i]), request.yaw, 0.0, depth)
-            try:
-                values[d, :, i, j] = limits_of(
-                    sensor, Scene(request.indenter, pose), request.nuisances
-                )
-            except UserError as error:
-                refusals.append(str(error))
-            advance(1)
+    for (d, i, j), scene in _scenes(request, request.grid):
+        try:
+            values[d, :, i, j] = limits_of(sensor, scene, request.nuisances)
+        except UserError as error:
+            refusals.append(str(error))
+        advance(1)
     if len(refusals) == request.presses:
         raise UserError(refusals[0])
-    return LimitMaps(
-        request, values, refusals[0] if refusals else "", _map_spacings(sensor, request)
-    )
+    return LimitMaps(request, values, next(iter(refusals), ""), _map_spacings(sensor, request))
+
+
+def _scenes(request: LimitRequest, grid: Grid) -> Iterator[tuple[tuple[int, ...], Scene]]:
+    """Yield the place (depth, row, column) of every press on a grid, and its scene."""
+    x, y = grid.axes()
+    for d, i, j in np.ndindex(len(request.depths), *grid.shape):
+        pose = Pose(float(x[j]), float(y[i]), request.yaw, 0.0, request.depths[d])
+        yield (d, i, j), Scene(request.indenter, pose)
 
 
 def _map_spacings(sensor: Sensor, request: LimitRequest) -> FloatArray | None:
     """Return the spacings of ``LimitMaps``."""
     if len(request.indenter.offsets) != 2:
         return None
-    x, y = request.coarse.axes()
-    spacings = np.full((len(request.depths), len(y), len(x)), np.nan)
-    for d, i, j in np.ndindex(*spacings.shape):
-        pose = Pose(float(x[j]), float(y[i]), request.yaw, 0.0, request.depths[d])
+    spacings = np.full((len(request.depths), *request.coarse.shape), np.nan)
+    for place, scene in _scenes(request, request.coarse):
         try:
-            limit = spacing_limit(sensor, Scene(request.indenter, pose), request.nuisances)
+            limit = spacing_limit(sensor, scene, request.nuisances)
         except UserError:
             continue
         if limit is None:
             return None
-        spacings[d, i, j] = limit
+        spacings[place] = limit
     return spacings
 
 
@@ -233,30 +231,18 @@ def limit_rows(maps: LimitMaps) -> list[dict[str, Any]]:
     """
     rows: list[dict[str, Any]] = []
     for line in [*summary(maps), *spacing_summary(maps)]:
-        group = f"depth {line['depth']:g} mm"
-        quantity = line["quantity"]
+        group, quantity = f"depth {line['depth']:g} mm", line["quantity"]
         metric = "limit" if quantity == "two from one" else f"bound_{quantity}"
-        for statistic in ("middle", "median", "p90", "worst"):
-            value = line.get(statistic, np.nan)
-            finite = float(value) if np.isfinite(value) else None
-            rows.append(
-                {
-                    "metric": f"{metric}_mm",
-                    "group": f"{group}, {statistic}",
-                    "value": finite,
-                    "unit": "mm",
-                    "n": line["n"],
-                }
-            )
         total = line["n"] + line["unbounded"] + line["refused"]
-        rows += [
-            {
-                "metric": f"{metric}_{state}",
-                "group": group,
-                "value": line[state] / total,
-                "unit": "share",
-                "n": total,
-            }
-            for state in ("unbounded", "refused")
+        ends = {name: line.get(name, np.inf) for name in ("middle", "median", "p90", "worst")}
+        cells = [
+            *((f"{metric}_mm", f"{group}, {name}", v, "mm", line["n"]) for name, v in ends.items()),
+            *(
+                (f"{metric}_{state}", group, line[state] / total, "share", total)
+                for state in ("unbounded", "refused")
+            ),
         ]
+        for name, where, value, unit, n in cells:
+            finite = float(value) if np.isfinite(value) else None
+            rows.append({"metric": name, "group": where, "value": finite, "unit": unit, "n": n})
     return rows

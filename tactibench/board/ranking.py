@@ -4,10 +4,9 @@ Rows are ordered by an error that no missing contact can improve, where there is
 no ranking: rows share a rank where chance alone may have ordered them, the chance of other presses
 and of other training seeds (see ``stats.crossed``, with the sources).
 
-Presses: two rows with predictions beside all their records are compared press by press. Their
-errors of each press, averaged over seeds, are paired on the common presses, which must be nearly
-all. Where a row has no predictions, the intervals on the board are used instead. That never claims
-too much: the standard deviation of a difference is at most the sum of the two.
+Presses: two rows are compared press by press. Their errors of each press, averaged over seeds, are
+paired on the common presses. Rows that do not have nearly all presses in common are compared as
+independent samples. A row with a record without errors of its presses has no rank.
 
 Seeds: the spread of each row's own seeds. A model that draws nothing at random when it is trained
 has no spread, and one seed of it is enough (``ModelSpec``, ``tactibench check``); seeds with the
@@ -45,7 +44,6 @@ from tactibench.stats import (
     crossed_p_values,
     grouped,
     holm,
-    t_quantile,
 )
 
 Pairs = tuple[list[int], list[int], npt.NDArray[np.intp], npt.NDArray[np.intp]]
@@ -109,35 +107,25 @@ class Ranks:
 
     Attributes:
         by_row: Rank of every row, None where it has none.
-        paired: Number of rows with a rank that have predictions beside all their records.
         too_few: Number of rows that have an error, but too few presses or seeds for a rank.
         unsure: Rows that cannot be told apart from the first row of their rank, although a row with
             a smaller error can. Their errors scatter more, as a rule.
     """
 
     by_row: tuple[int | None, ...]
-    paired: int
     too_few: int = 0
     unsure: frozenset[int] = frozenset()
 
     @property
     def note(self) -> str:
-        """Sentences on these ranks that the page does not say elsewhere; "" for none."""
-        sentences = []
-        if self.too_few:
-            count = "1 row has" if self.too_few == 1 else f"{self.too_few} rows have"
-            sentences.append(
-                f"{count} no rank: fewer than {FEWEST_PRESSES} presses, or fewer than "
-                f"{FEWEST_SEEDS} seeds of a model that draws at random when it is trained."
-            )
-        ranked = sum(rank is not None for rank in self.by_row)
-        if self.paired < ranked:
-            lacking = "No row has" if not self.paired else f"Of {ranked} rows {self.paired} have"
-            sentences.append(
-                f"{lacking} predictions beside all records. For the others the intervals stand, "
-                "which tell no more rows apart than paired presses would."
-            )
-        return " ".join(sentences)
+        """Sentence on the rows without a rank; "" for none."""
+        if not self.too_few:
+            return ""
+        count = "1 row has" if self.too_few == 1 else f"{self.too_few} rows have"
+        return (
+            f"{count} no rank: fewer than {FEWEST_PRESSES} presses, or fewer than "
+            f"{FEWEST_SEEDS} seeds of a model that draws at random when it is trained."
+        )
 
 
 @dataclass(frozen=True)
@@ -175,9 +163,9 @@ def row_difference(protocol: str, first: Row, second: Row, errors: Errors) -> Ro
     if by is None:
         return None
     samples = [sample for row in (first, second) if (sample := _sample(row, by, errors))]
-    if sum(sample.errors is not None and sample.enough for sample in samples) < 2:
+    if sum(sample.enough for sample in samples) < 2:
         return None
-    one, other = (_errors(sample) for sample in samples)
+    one, other = (sample.errors for sample in samples)
     shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
     if len(shared) < SHARED * max(len(one.press), len(other.press)):
         return None
@@ -216,7 +204,6 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
     latest = np.maximum.accumulate([places[place] for place in range(len(ranked))])
     return Ranks(
         tuple(by_row.get(k) for k in range(len(rows))),
-        sum(sample.errors is not None for sample in ranked),
         sum(sample is not None and not sample.enough for sample in samples),
         frozenset(enough[place][0] for place, rank in places.items() if rank < latest[place]),
     )
@@ -228,21 +215,20 @@ class _Sample:
 
     Attributes:
         value: Mean over seeds.
-        below: Standard error towards smaller values, from the interval over presses.
-        above: The same towards larger values.
-        presses: Number of presses.
         seeds: Number of trainings; 0 where a training draws nothing at random.
         seed_variance: Variance of the mean over seeds.
-        errors: Errors press by press, means over seeds; None without predictions of all seeds.
+        errors: Errors press by press, means over seeds.
     """
 
     value: float
-    below: float
-    above: float
-    presses: int
     seeds: int
     seed_variance: float
-    errors: PressErrors | None
+    errors: PressErrors
+
+    @property
+    def presses(self) -> int:
+        """Number of presses."""
+        return len(self.errors.press)
 
     @property
     def enough(self) -> bool:
@@ -263,17 +249,10 @@ def _group(difference: FloatArray, of_presses: FloatArray, of_both: FloatArray) 
 
 
 def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
-    """Return the sample of a row; None where it has no error, or nothing to tell it apart by."""
-    pooled = row.metric(by.metric, by.group)
-    if pooled is None or pooled.censored:
+    """Return the sample of a row; None where it has no error, or none press by press."""
+    pooled, errors_of_row = row.metric(by.metric, by.group), _pool_seeds(row, errors)
+    if pooled is None or pooled.censored or errors_of_row is None:
         return None
-    paired = _pool_seeds(row, errors)
-    if paired is None and (pooled.low is None or pooled.high is None):
-        return None
-    presses = pooled.clusters[0] if paired is None else len(paired.press)
-    low = pooled.value if pooled.low is None else pooled.low
-    high = pooled.value if pooled.high is None else pooled.high
-    t = t_quantile(LEVEL, max(presses, 2))
     # Seeds with one weights hash are one training, whatever they are called.
     trainings = {record.identity.weights_hash: record for record in row.records}
     values = [record.value(by.metric, by.group) for record in trainings.values()]
@@ -282,15 +261,7 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
     variance = (
         float(np.var(seed_values, ddof=1)) / len(seed_values) if len(seed_values) > 1 else 0.0
     )
-    return _Sample(
-        value=pooled.value,
-        below=(pooled.value - low) / t,
-        above=(high - pooled.value) / t,
-        presses=presses,
-        seeds=len(trainings) if drawn else 0,
-        seed_variance=variance,
-        errors=paired,
-    )
+    return _Sample(pooled.value, len(trainings) if drawn else 0, variance, errors_of_row)
 
 
 def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -301,17 +272,14 @@ def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatA
         presses and seeds.
     """
     value = np.array([max(sample.value, SMALLEST_MM) for sample in samples])
-    below = np.array([sample.below for sample in samples]) / value
-    above = np.array([sample.above for sample in samples]) / value
     presses = np.array([float(sample.presses) for sample in samples])
+    own = [np.var(sample.errors.error, ddof=1) / sample.presses for sample in samples] / value**2
     difference = np.log(value)[:, None] - np.log(value)
-    # The ends that face each other: low of the larger error, high of the smaller.
-    facing = np.where(difference > 0, below[:, None] + above, above[:, None] + below)
-    variance, counts = facing**2, np.minimum(presses[:, None], presses)
+    variance, counts = own[:, None] + own, np.minimum(presses[:, None], presses)
     for rows, columns, i, j in _shared_presses(samples):
         block, mirrored = np.ix_(rows, columns), np.ix_(columns, rows)
-        errors = np.array([_errors(samples[k]).error[i] for k in rows])
-        other = np.array([_errors(samples[k]).error[j] for k in columns])
+        errors = np.array([samples[k].errors.error[i] for k in rows])
+        other = np.array([samples[k].errors.error[j] for k in columns])
         apart, spread = _ratios(errors, other)
         difference[block], difference[mirrored] = apart, -apart.T
         variance[block], variance[mirrored] = spread, spread.T
@@ -352,11 +320,6 @@ def _ratios(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]
     return difference, spread / max(presses - 1, 1) / presses
 
 
-def _errors(sample: _Sample) -> PressErrors:
-    assert sample.errors is not None  # noqa: S101 - only those are asked for
-    return sample.errors
-
-
 def _shared_presses(samples: Sequence[_Sample]) -> Iterator[Pairs]:
     """Yield pairs of groups of samples, and the places of their common presses in each.
 
@@ -364,10 +327,9 @@ def _shared_presses(samples: Sequence[_Sample]) -> Iterator[Pairs]:
     """
     groups: dict[int, list[int]] = {}
     for k, sample in enumerate(samples):
-        if sample.errors is not None:
-            groups.setdefault(id(sample.errors.press), []).append(k)
+        groups.setdefault(id(sample.errors.press), []).append(k)
     members = list(groups.values())
-    names = [_errors(samples[group[0]]).press for group in members]
+    names = [samples[group[0]].errors.press for group in members]
     for g, rows in enumerate(members):
         everything = np.arange(len(names[g]))
         yield rows, rows, everything, everything

@@ -4,8 +4,8 @@
 arrays, without the loss of every epoch, and without the sensor's description of itself, of which
 the hash stays. ``<name>.npz`` beside it holds the packed predictions, and under ``ranked.`` the
 error that orders the board, press by press, so that a board ranks its rows without making any
-truth again. Files of strangers are read too: the number, sizes and types of arrays are checked
-before anything is unpacked, and values before a metric reads them.
+truth again. Files of strangers are read too: the number and sizes of arrays are checked before
+anything is unpacked, and that they are packed answers before a metric reads them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +36,17 @@ from tactibench.records import (
     StoredRun,
     atomic,
     digest,
+    pack,
     parse_record,
     read_json,
     refuse_changed,
+    unpack_contacts,
+    unpack_plates,
     with_checksum,
     write_arrays,
 )
 from tactibench.run import FAILURE_COLUMNS as FAILURES
-from tactibench.run import LONGEST_CAUSE, protocol_of, trials_of
+from tactibench.run import protocol_of, trials_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -53,8 +55,6 @@ LISTS = ("metrics", "speed")
 """Lists of a record that are written one row a line, so that a diff can be read."""
 LARGEST_RECORD = 2**20
 """Most bytes of a record; the largest committed one has 25 kB."""
-NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
-"""Form of the name of a run, model, encoder or sensor, which is part of file names and pages."""
 LONGEST = 1000
 """Most characters of a text in a record; the longest in committed records has 188."""
 RANKED = "ranked."
@@ -67,26 +67,6 @@ MOST_ARRAYS = 16
 two to rank by."""
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Packings that are read. Others may need gigabytes of memory before they unpack a byte."""
-MOST_CONTACTS = 64
-"""Most contacts in a frame; no protocol presses more than five."""
-FARTHEST = 1e6
-"""Largest value of an answer, mm (a kilometre) or deg: larger ones would overflow when squared."""
-SMALLEST_STD = 1e-9
-"""Smallest standard deviation, mm or deg; an error is divided by it and squared."""
-CONTACTS = {
-    "count": ("i", ()),
-    "xy": ("f", (2,)),
-    "depth": ("f", ()),
-    "score": ("f", ()),
-    "std": ("f", (3,)),
-}
-PLATES = {
-    "given": ("b", ()),
-    "plate_depth": ("f", ()),
-    "plate_tilt": ("f", ()),
-    "plate_std": ("f", (2,)),
-}
-"""Array of packed answers -> letter of its type, and its shape without the first axis."""
 
 
 # -- records -----------------------------------------------------------------------------------
@@ -231,20 +211,7 @@ def read_submission(path: Path) -> Record:
             f"{path} holds the record {record.name!r} of protocol "
             f"{record.protocol.id!r}; file and folder must be called so."
         )
-    _share_keys(record)
     return record
-
-
-def _share_keys(record: Record) -> None:
-    """Keep the set of keys that rows of a record were read with once, not once a row.
-
-    Such sets take three quarters of the memory of a board. The rows are not changed afterwards.
-    """
-    key_sets: dict[frozenset[str], set[str]] = {}
-    for row in (*record.metrics, *record.speed):
-        keys = row.__pydantic_fields_set__
-        shared = key_sets.setdefault(frozenset(keys), keys)
-        object.__setattr__(row, "__pydantic_fields_set__", shared)
 
 
 def slot(record: Record) -> str:
@@ -274,39 +241,27 @@ def refuse_partial(record: Record, where: str) -> None:
 
 
 def refuse_names(record: Record, where: str) -> None:
-    """Raise UserError for a name with markup or a path in it, or a text that is not printable.
+    """Raise UserError for a path in a name or parameter, and for markup or control characters.
 
     Args:
         record: A record that is valid otherwise (see ``parse_record``).
         where: Name of the record in messages.
     """
-    components = {
-        "model": record.model,
-        "encoder": record.encoder,
-        "sensor": record.sensor,
-        "sensor.tested": record.test_sensor,
-    }
-    names = {"name": record.name, "regime": record.regime, "protocol.id": record.protocol.id}
-    names |= {f"{kind}.name": part.name for kind, part in components.items() if part is not None}
-    for key, name in names.items():
-        if not NAME.fullmatch(name):
+    names = [record.name, record.regime, record.protocol.id]
+    for part in (record.model, record.encoder, record.sensor, record.test_sensor):
+        if part is not None:
+            names += [part.name, *(v for v in part.parameters.values() if isinstance(v, str))]
+    for name in names:
+        if re.search(r"[/\\]", name):
             raise UserError(
-                f"{where}: {key} is {name[:80]!r}; a name may hold letters, digits, '.', '_' and "
-                "'-' only, at most 160, so that it is neither markup nor a path."
+                f"{where} names {name[:80]!r}; a committed run must not depend on a path."
             )
     for text in _texts(record.json_values()):
-        if len(text) > LONGEST or not text.isprintable():
+        if len(text) > LONGEST or not text.isprintable() or re.search(r"<\S", text):
             raise UserError(
-                f"{where} holds the text {text[:40]!r}, which is too long or not printable; a text "
-                f"has at most {LONGEST:,} characters and no control characters."
+                f"{where} holds the text {text[:40]!r}, which is too long or not printable, or "
+                f"markup; a text has at most {LONGEST:,} characters."
             )
-    for kind, part in components.items():
-        for key, value in ({} if part is None else part.parameters).items():
-            if isinstance(value, str) and re.search(r"[/\\<>]", value):
-                raise UserError(
-                    f"{where}: {kind}.{key} is {value[:80]!r}; a committed run must not depend on "
-                    "a path, nor hold markup."
-                )
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -490,19 +445,9 @@ def read_answers_file(path: Path, begin: str = "") -> Arrays:
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    """Return an array whose header tells no other size than the directory of the archive.
-
-    Raises:
-        Exception: The data are damaged; any error of zip, zlib and the parsers.
-    """
     with archive.open(member) as stream:
-        np.lib.format.read_magic(stream)
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-        size = prod(shape) * dtype.itemsize
-        if dtype.hasobject or stream.tell() + size != member.file_size:
-            raise ValueError("an array of objects, or of another size")
-        data = stream.read(size)
-    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").copy()
+        array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+    return array
 
 
 def check_answers(
@@ -518,72 +463,23 @@ def check_answers(
         guarded: Whether the frames on which the model failed are listed beside the answers (see
             ``Failures``).
     """
-    columns = PLATES if kind == "plate" else CONTACTS
-    expected = {**columns, **(FAILURES if guarded else {})}
-    if set(answers) != set(expected):
-        raise UserError(
-            f"{where} holds the arrays {', '.join(sorted(answers)) or 'none'}; answers that are "
-            f"{kind} are {', '.join(sorted(expected))}."
+    try:
+        unpacked = (unpack_plates if kind == "plate" else unpack_contacts)(answers)
+        again = pack(unpacked, kind)
+        others = [name for name in answers if name not in again]
+        good = sorted(others) == (sorted(FAILURES) if guarded else []) and all(
+            np.array_equal(answers[name], array, equal_nan=array.dtype.kind == "f")
+            for name, array in again.items()
         )
-    for name, (letter, shape) in expected.items():
-        array = answers[name]
-        if array.dtype.kind != letter or array.shape[1:] != shape or array.ndim != 1 + len(shape):
-            raise UserError(
-                f"{where}: array {name!r} has type {array.dtype} and shape {array.shape}, which "
-                "is not how answers are stored; submit the run with `tactibench board submit`."
-            )
-    count = answers["given" if kind == "plate" else "count"]
-    if len(count) != frames:
-        raise UserError(
-            f"{where} answers {len(count):,} frames, but the protocol tests {frames:,}; every test "
-            "frame needs one answer."
-        )
-    if kind != "plate" and not 0 <= count.min(initial=0) <= count.max(initial=0) <= MOST_CONTACTS:
-        raise UserError(
-            f"{where}: a frame is answered with {int(count.max(initial=0)):,} contacts; "
-            f"0 to {MOST_CONTACTS} are allowed."
-        )
-    total = frames if kind == "plate" else int(count.sum())
-    for name in columns:
-        if name != "count" and len(answers[name]) != total:
-            raise UserError(
-                f"{where}: array {name!r} has {len(answers[name]):,} rows, but the answers are "
-                f"{total:,}."
-            )
-        if columns[name][0] == "f":
-            _check_values(answers[name], name, where)
-    if guarded:
-        _check_failures(answers, frames, where)
-
-
-def _check_values(array: npt.NDArray[Any], name: str, where: str) -> None:
-    """Raise UserError for values out of range, or NaN.
-
-    A whole row of NaN in standard deviations means "not stated".
-    """
-    std = name.endswith("std")
-    stated = array[~np.isnan(array).all(axis=1)] if std else array
-    low, high = {"score": (0.0, 1.0)}.get(name, (SMALLEST_STD if std else -FARTHEST, FARTHEST))
-    if stated.size and not bool(((stated >= low) & (stated <= high)).all()):
-        raise UserError(
-            f"{where}: array {name!r} holds values that are NaN or not within {low:g} to {high:g}; "
-            "a frame without contacts is answered with none."
-        )
-
-
-def _check_failures(answers: Arrays, frames: int, where: str) -> None:
-    """Raise UserError unless failures are ascending frames without contacts, each with a cause."""
-    rows, causes = answers["failed"], answers["cause"].tolist()
-    good = (
-        len({len(answers[name]) for name in FAILURES}) == 1
-        and bool((np.diff(rows, prepend=-1) > 0).all())
-        and bool((rows < frames).all())
-        and not answers["count"][rows].any()
-        and all(len(cause) <= LONGEST_CAUSE and cause.isprintable() for cause in causes)
-    )
+    except Exception:  # noqa: BLE001 - what contacts and numpy raise for arrays of anything
+        good = False
     if not good:
         raise UserError(
-            f"{where}: the frames on which the model failed are not rising numbers below "
-            f"{frames:,} of frames without contacts, each with a printable cause; submit the run "
-            "again."
+            f"{where} does not hold answers as tactibench packs them: finite {kind}, a score in "
+            "0..1, and nothing besides; submit the run with `tactibench board submit`."
+        )
+    if len(unpacked) != frames:
+        raise UserError(
+            f"{where} answers {len(unpacked):,} frames, but the protocol tests {frames:,}; every "
+            "test frame needs one answer."
         )

@@ -17,6 +17,7 @@ import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from tactibench.board.rows import PooledMetric, Row, label_of, latency, machine
 from tactibench.plugins import INSTANCE
@@ -68,9 +69,6 @@ class Frontier:
     Attributes:
         regime: Training regime.
         points: All points.
-        best: Points whose central values no other point beats on both axes, sorted by latency: the
-            line.
-        dominated: Label -> labels of the points that dominate it, the fastest first.
         machine: Machine on which all points were timed.
         elsewhere: Number of runs that were timed on another machine.
         untimed: Labels of rows without an error or a time.
@@ -78,11 +76,19 @@ class Frontier:
 
     regime: str
     points: tuple[Point, ...]
-    best: tuple[Point, ...]
-    dominated: dict[str, tuple[str, ...]]
     machine: str
     elsewhere: int
     untimed: tuple[str, ...]
+
+    @cached_property
+    def best(self) -> tuple[Point, ...]:
+        """The line: points that no other one beats on both central values, by latency."""
+        return tuple(line(self.points))
+
+    @cached_property
+    def dominated(self) -> dict[str, tuple[str, ...]]:
+        """Label -> labels of the points that dominate it, the fastest first."""
+        return {p.label: by for p in self.points if (by := _dominators(p, self.points))}
 
     def verdict(self, point: Point) -> str:
         """Return "frontier", "dominated by X", or "not dominated", which intervals leave open."""
@@ -123,16 +129,7 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) 
         else:
             points.append(Point(timed, times, errors))
     points.sort(key=lambda point: (point.latency.value, point.error.value, point.label))
-    dominated = {point.label: by for point in points if (by := _dominators(point, points))}
-    return Frontier(
-        regime,
-        tuple(points),
-        tuple(line(points)),
-        dominated,
-        timed_on,
-        elsewhere,
-        tuple(untimed),
-    )
+    return Frontier(regime, tuple(points), timed_on, elsewhere, tuple(untimed))
 
 
 def elsewhere_frontiers(
@@ -156,9 +153,7 @@ def elsewhere_frontiers(
             value = None if row is None else _error(row, error.metric, error.group)
             if row is not None and value is not None:
                 points.append(Point(row, point.latency, value))
-        dominated = {point.label: by for point in points if (by := _dominators(point, points))}
-        best = tuple(line(points))
-        moved.append(replace(frontier, points=tuple(points), best=best, dominated=dominated))
+        moved.append(replace(frontier, points=tuple(points)))
     return moved
 
 
@@ -339,28 +334,25 @@ def _unseen_instance(record: Record) -> Value:
 
 def _mean_step(presses: int, by_instance: dict[Value, list[Record]], error: Ranking) -> Step:
     """Return one point of a curve, pooled over the seeds of an instance, then over instances."""
-    rows = [
-        [row for record in runs if (row := record.metric(error.metric, error.group)) is not None]
-        for runs in by_instance.values()
-    ]
-    values = [
-        statistics.fmean(row.value for row in seeds if row.value is not None)
-        for seeds in rows
-        if any(row.value is not None for row in seeds)
+    pooled = [
+        metric
+        for seeds in by_instance.values()
+        if (metric := Row(tuple(seeds)).metric(error.metric, error.group)) is not None
     ]
     runs = sum(map(len, by_instance.values()))
-    if not values:
+    if not pooled:
         return Step(presses, None, runs)
-    sizes = [row.clusters for seeds in rows for row in seeds]
-    pooled = PooledMetric(
+    values = [metric.value for metric in pooled]
+    sizes = [size for metric in pooled for size in metric.clusters]
+    mean = PooledMetric(
         statistics.fmean(values),
         min(values),
         max(values),
         statistics.stdev(values) if len(values) > 1 else None,
         (min(sizes), max(sizes)),
-        rows[0][0].unit,
+        pooled[0].unit,
     )
-    return Step(presses, pooled, runs)
+    return Step(presses, mean, runs)
 
 
 def counts(curves: Sequence[Curve]) -> list[int]:

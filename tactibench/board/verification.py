@@ -9,10 +9,10 @@ and no encoder is imported. Everything else that a record says is its submitter'
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -63,8 +63,6 @@ from tactibench.run import (
     truth_arrays,
 )
 
-T = TypeVar("T")
-
 TOLERANCE = 1e-6
 """Relative tolerance; another processor or version of numpy sums in another order."""
 LIMIT_TOLERANCE = 1e-3
@@ -75,8 +73,6 @@ FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", "surface_excess_mm
 """Metrics of heatmaps, which are not submitted."""
 FORM = ("unit", "better", "censored", "method")
 """Fields of a metric that do not depend on what was measured."""
-MOST_KEPT = 16
-"""Most test sets whose truth is kept: a pull request has one or two, and one takes a megabyte."""
 
 
 @dataclass(frozen=True)
@@ -87,29 +83,14 @@ class Source:
         host: The plugins.
         cache: Folder of frames.
         data: Folder of recorded frames.
-        kept: Truths that were drawn, by everything that determines them, so that a second
+        truths: Truths that were made, by everything that determines them, so that a second
             submission on the same test set needs no new draw.
     """
 
     host: PluginHost
     cache: Path
     data: Path | None = None
-    kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
-
-    def keep(self, identity: Any, make: Callable[[], T]) -> T:
-        """Return the value that is kept for an identity, or make and keep it.
-
-        Args:
-            identity: Everything that determines the value, as a JSON value.
-            make: Makes the value.
-        """
-        key = digest(identity)
-        if key not in self.kept:
-            while len(self.kept) >= MOST_KEPT:
-                del self.kept[next(iter(self.kept))]
-            self.kept[key] = make()
-        value: T = self.kept[key]
-        return value
+    truths: dict[str, Arrays] = field(default_factory=dict, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -236,16 +217,14 @@ def refuse_differences(stated: Sequence[Metric], again: Sequence[Metric], where:
         where: Name of the record in messages.
     """
     before, after = ({(row.metric, row.group): row for row in rows} for rows in (stated, again))
-    if len(before) < len(stated):
-        raise UserError(f"{where} states a metric of a group twice.")
-    for metric, group in sorted({*before, *after}):
-        row, computed = before.get((metric, group)), after.get((metric, group))
-        if row is None or computed is None:
-            verb = "lacks" if row is None else "states"
-            raise UserError(
-                f"{where} {verb} {metric} of {group}, which the protocol "
-                f"{'asks for' if row is None else 'does not ask for'}."
-            )
+    others = [f"{metric} of {group}" for metric, group in sorted(set(before) ^ set(after))]
+    if others or len(before) < len(stated):
+        raise UserError(
+            f"{where} does not state every metric that the protocol asks for once, and no other: "
+            f"{', '.join(others) or 'one is stated twice'}."
+        )
+    for (metric, group), row in before.items():
+        computed = after[metric, group]
         for name in FORM if metric in FROM_MAPS else Metric.model_fields:
             tolerance = LIMIT_TOLERANCE if metric == LIMIT else TOLERANCE
             if not _is_equal(getattr(row, name), getattr(computed, name), tolerance):
@@ -265,7 +244,6 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
     """Raise UserError unless the errors that a board ranks by are those of the answers."""
     same = set(stated) == set(again) and all(
         stated[name].shape == array.shape
-        and stated[name].dtype.kind == array.dtype.kind
         and (
             np.allclose(stated[name], array, rtol=TOLERANCE, atol=NEGLIGIBLE_MM)
             if array.dtype.kind == "f"
@@ -347,7 +325,10 @@ def make_truth(
         limits := bool(record.metric(LIMIT, "all")),
         seen and seen.described.get("sha256"),
     ]
-    return source.keep(identity, lambda: _truth(record, frame_source(request), counts, limits))
+    key = digest(identity)
+    if key not in source.truths:
+        source.truths[key] = _truth(record, frame_source(request), counts, limits)
+    return source.truths[key]
 
 
 def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:

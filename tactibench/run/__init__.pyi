@@ -5,7 +5,6 @@ from .components import resolve_components as resolve_components
 from .components import resolve_test_sensor as resolve_test_sensor
 from .evaluation import EXAMPLES as EXAMPLES
 from .evaluation import FAILURE_COLUMNS as FAILURE_COLUMNS
-from .evaluation import LONGEST_CAUSE as LONGEST_CAUSE
 from .evaluation import Evaluation as Evaluation
 from .evaluation import Failure as Failure
 from .evaluation import TestFrames as TestFrames

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench.board import (
-    FOLDER,
     PressErrors,
-    all_press_errors,
     ordered,
     press_errors_of,
     ranked_errors,
@@ -68,16 +66,6 @@ def test_errors_press_by_press_are_those_of_each_test(tmp_path: Path) -> None:
     for one, other in ((read, errors), *((read.apart[n], errors.apart[n]) for n in errors.apart)):
         assert one.press.tolist() == other.press.tolist()
         assert one.error.tolist() == other.error.tolist()
-
-
-def test_a_board_reads_them_beside_the_records(fabricate, tmp_path: Path) -> None:
-    truth, seen = answered(np.random.default_rng(3))
-    record = fabricate("exp2", encoder=None)
-    path = tmp_path / FOLDER / "exp2" / f"{record.name}.npz"
-    path.parent.mkdir(parents=True)
-    write_arrays(path, {**seen, **ranked_errors(SPEC, truth, seen)})
-    read = all_press_errors(tmp_path, [record])[record.name]
-    assert set(read.apart) == {"heldout", "unseen"}
 
 
 def test_a_protocol_without_such_tests_has_none() -> None:

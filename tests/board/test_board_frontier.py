@@ -64,13 +64,6 @@ def test_the_ranges_are_the_envelope_of_the_seeds(fabricate):
     assert (single.latency.low, single.latency.high) == pytest.approx((1.96, 2.04))
 
 
-def test_a_missing_end_is_the_value_itself(fabricate):
-    record = fabricate(error=0.04)
-    record.metrics[0].low = record.metrics[0].high = None
-    (point,) = one([record]).points
-    assert point.error == Range(0.04, 0.04, 0.04)
-
-
 def test_one_machine_only_the_others_are_counted(fabricate):
     records = [
         fabricate(seed=0),

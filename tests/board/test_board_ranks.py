@@ -6,13 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 from tactibench.board import PressErrors, all_press_errors, ranks, read_submissions, rows_of
 from tactibench.protocols import board_spec, protocol_files
-from tactibench.stats import mean_interval
 
 BOARD = Path(__file__).resolve().parents[2] / "leaderboards"
 PRESSES = np.array([f"p{k:03d}" for k in range(200)])
@@ -20,7 +17,7 @@ SEEDS = 3
 
 
 def records(fabricate, errors, seeds=SEEDS, **more):
-    """Records of every model, one a seed; their values and intervals are those of their errors.
+    """Records of every model, one a seed, whose values are the means of their errors.
 
     errors: model -> (presses,) errors of every seed, or (seeds, presses).
     """
@@ -31,14 +28,7 @@ def records(fabricate, errors, seeds=SEEDS, **more):
             own = table[seed % len(table)]
             record = fabricate(model=name, encoder=None, seed=seed, **more)
             record.identity.weights_hash = f"{name}{seed}"
-            found = mean_interval(own, np.arange(len(own)))
-            row = next(m for m in record.metrics if m.metric == "gospa1_mm")
-            row.value, row.low, row.high, row.clusters = (
-                found.value,
-                found.low,
-                found.high,
-                len(own),
-            )
+            record.metric("gospa1_mm", "all").value = own.mean()
             made.append(record)
     return made
 
@@ -78,12 +68,11 @@ def test_pairing_tells_apart_what_overlapping_intervals_do_not(fabricate, errors
     paired = ranks("exp1", rows, kept(made, errors))
     assert by_model(paired, rows) == {"a": 1, "b": 2, "c": 3}
     assert paired.note == ""
-    alone = ranks("exp1", rows, {})
-    assert by_model(alone, rows) == {"a": 1, "b": 1, "c": 3}
-    assert "No row has predictions beside all records" in alone.note
-    some = ranks("exp1", rows, {n: e for n, e in kept(made, errors).items() if "-a-" in n})
-    assert some.paired == 1
-    assert "Of 3 rows 1 have predictions" in some.note
+    # A row without errors of all its records has no rank.
+    known = kept(made, errors)
+    del known[next(record.name for record in made if record.model.name == "b")]
+    some = ranks("exp1", rows, known)
+    assert by_model(some, rows) == {"a": 1, "b": None, "c": 2}
 
 
 def test_seeds_are_averaged_press_by_press(fabricate, errors) -> None:
@@ -131,7 +120,7 @@ def noisy(rng, scales, seed_share=0.05, press_sd=0.3, presses=200):
     }
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_first_rank_is_that_of_an_independent_implementation(fabricate, seed) -> None:
     rng = np.random.default_rng(seed)
     errors = noisy(rng, {name: 1 + 0.1 * k**2 for k, name in enumerate("abcdef")})
@@ -142,17 +131,17 @@ def test_the_first_rank_is_that_of_an_independent_implementation(fabricate, seed
     assert "f" not in first
 
 
-@pytest.mark.parametrize("models", ["ab", "abcdef"])
-def test_models_that_differ_by_their_seeds_alone_share_a_rank(fabricate, models) -> None:
+@pytest.mark.long
+def test_models_that_differ_by_their_seeds_alone_share_a_rank(fabricate) -> None:
     """In 95 % of the tables, though the presses alone tell nearly all trainings apart."""
     rng = np.random.default_rng(1)
-    tables = 150
+    tables = 100
     shared = 0
     for _ in range(tables):
-        errors = noisy(rng, dict.fromkeys(models, 1.0), seed_share=0.1, press_sd=0.02)
+        errors = noisy(rng, dict.fromkeys("abcdef", 1.0), seed_share=0.1, press_sd=0.02)
         shared += set(ranked(fabricate, errors).values()) == {1}
-    # Two standard deviations of such a share are 3.6 %.
-    assert shared / tables > 0.95 - 0.036
+    # Two standard deviations of such a share are 4.4 %.
+    assert shared / tables > 0.95 - 0.044
 
 
 def test_a_row_that_scatters_shares_the_first_rank_and_is_named_unsure(fabricate) -> None:
@@ -215,25 +204,14 @@ def test_one_seed_of_a_shipped_model_that_draws_nothing_is_enough(fabricate, err
     assert found == {"nearest": 1, "superpose": 2, "mean": 3}
 
 
-def test_a_row_without_the_error_and_a_protocol_without_an_order(fabricate) -> None:
-    made = [fabricate(seed=seed) for seed in range(3)]
+def test_a_row_without_the_error_and_a_protocol_without_an_order(fabricate, errors) -> None:
+    made = records(fabricate, errors)
     for record in made:
-        record.identity.weights_hash = str(record.seed)
-    rows = rows_of([*made, fabricate(model="cnn", error=None)])
-    assert by_model(ranks("exp1", rows, {}), rows) == {"unet": 1, "cnn": None}
+        if record.model.name == "b":
+            record.metric("gospa1_mm", "all").value = None
+    rows = rows_of(made)
+    assert by_model(ranks("exp1", rows, kept(made, errors)), rows) == {"a": 1, "b": None, "c": 2}
     assert ranks("unordered", rows, {}) is None
-
-
-@given(st.integers(0, 10_000), st.floats(-0.9, 0.99), st.floats(0, 1))
-def test_intervals_that_are_apart_are_told_apart_by_pairing(seed, correlation, shift) -> None:
-    """The claim behind the fallback, for any correlation of the two models."""
-    rng = np.random.default_rng(seed)
-    common, own = rng.normal(size=(2, 30))
-    a = common
-    b = shift * 2 + correlation * common + np.sqrt(1 - correlation**2) * own
-    first, second = (mean_interval(x, np.arange(30)) for x in (a, b))
-    if second.low > first.high:
-        assert mean_interval(b - a, np.arange(30)).low > 0
 
 
 def test_a_row_with_errors_of_few_presses_is_not_paired(fabricate, errors) -> None:
@@ -247,15 +225,7 @@ def test_a_row_with_errors_of_few_presses_is_not_paired(fabricate, errors) -> No
                 known[record.name] = PressErrors(PRESSES[:count], errors["b"][:count])
         assert by_model(ranks("exp1", rows, known), rows)["b"] == rank
     others = np.array([f"q{k:03d}" for k in range(200)])
-    known |= {r.name: PressErrors(others, errors["b"]) for r in made if r.model.name == "b"}
-    assert by_model(ranks("exp1", rows, known), rows)["b"] == 1
-
-
-def test_a_row_without_presses_and_without_an_interval_has_no_rank(fabricate, errors) -> None:
-    made = records(fabricate, errors)
-    for record in made:
-        if record.model.name == "b":
-            row = next(m for m in record.metrics if m.metric == "gospa1_mm")
-            row.low = row.high = None
-    rows = rows_of(made)
-    assert by_model(ranks("exp1", rows, {}), rows) == {"a": 1, "b": None, "c": 2}
+    for model in "bc":
+        mine = {r.name for r in made if r.model.name == model}
+        known = kept(made, errors) | {name: PressErrors(others, errors[model]) for name in mine}
+        assert by_model(ranks("exp1", rows, known), rows)[model] == (1 if model == "b" else 3)

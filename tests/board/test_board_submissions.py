@@ -51,11 +51,6 @@ def test_no_committed_record_names_a_folder_of_a_machine():
         assert not folder.search(path.read_text(encoding="utf-8")), path.name
 
 
-def test_compacting_twice_changes_nothing(fabricate):
-    once = compact(fabricate())
-    assert compact(once) == once
-
-
 def test_the_text_is_json_with_a_line_a_metric(fabricate):
     record = compact(fabricate())
     text = text_of(record)
@@ -74,13 +69,6 @@ def test_a_newer_run_of_a_row_and_seed_takes_the_place_of_the_older(tmp_path, st
     assert [path.name[:20] for path in newer.replaced] == ["exp1-unet-single-s0-"]
     assert len(committed(board)) == 2
     assert "exp1-unet-single-s0-newer.json" in committed(board)
-
-
-def test_adding_twice_changes_nothing(tmp_path, stored):
-    run, board = stored(), tmp_path / "board"
-    before = add(run, board).path.read_bytes()
-    again = add(run, board)
-    assert (again.path.read_bytes(), again.replaced) == (before, ())
 
 
 def test_a_partial_run_is_refused(tmp_path, stored):
@@ -126,7 +114,3 @@ def test_a_file_that_is_no_committed_record_is_refused(tmp_path, fabricate, chan
     path.write_text(json.dumps({**record.json_values(), **change}))
     with pytest.raises(UserError, match=words):
         read_submissions(tmp_path, "exp1")
-
-
-def test_no_folder_is_no_record(tmp_path):
-    assert read_submissions(tmp_path, "exp1") == []

@@ -317,31 +317,11 @@ def submitted(**more: Any) -> dict[str, Any]:
 
 def test_answers_with_failures_are_checked() -> None:
     check_answers(submitted(), "contacts", 6, "a.npz", guarded=True)
-    with pytest.raises(UserError, match="holds the arrays"):
+    with pytest.raises(UserError, match="nothing besides"):
         check_answers(submitted(), "contacts", 6, "a.npz")
-
-
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        ({"failed": np.array([1.0, 2.0, 3.0])}, "array 'failed' has type float64"),
-        ({"failed": np.array([3, 2, 1])}, "rising numbers"),
-        ({"failed": np.array([1, 2, 99])}, "rising numbers"),
-        ({"failed": np.array([-3, 2, 3])}, "rising numbers"),
-        ({"failed": np.array([0, 2, 3])}, "rising numbers"),  # frame 0 has a contact
-        ({"raised": np.array([True])}, "rising numbers"),
-        ({"cause": np.array(["a", "b", "c\n"])}, "printable cause"),
-        ({"cause": np.array(["a", "b", "c" * 201])}, "printable cause"),
-    ],
-)
-def test_failures_of_strangers_are_not_believed(more: dict[str, Any], said: str) -> None:
-    with pytest.raises(UserError, match=said):
-        check_answers(submitted(**more), "contacts", 6, "a.npz", guarded=True)
 
 
 def test_missing_failures_are_refused() -> None:
     answers, _ = ask(Fragile())
-    with pytest.raises(
-        UserError, match="answers that are contacts are cause, count, depth, failed"
-    ):
+    with pytest.raises(UserError, match="does not hold answers as tactibench packs them"):
         check_answers(pack(answers, "contacts"), "contacts", 6, "a.npz", guarded=True)
