@@ -2,19 +2,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench_sim import (
     NUISANCES,
-    TacTip127,
     Tips,
     covariance,
     derivatives,
     inverse,
     marginal,
-    tips_of,
 )
 
 EDGE, RADIUS, HEIGHT, NOISE = 3.0, 8.0, 20.0, 2.0
@@ -79,23 +76,6 @@ def test_one_soft_disc_has_the_closed_form():
     assert found == pytest.approx([sideways, sideways, NOISE / HEIGHT / np.sqrt(area)], rel=2e-3)
 
 
-def test_a_gaussian_edge_has_the_published_form():
-    """sigma_x = (s / A) sqrt(2 sigma_b / (sqrt(pi) r)), of a disc much wider than its edge."""
-    radius, blur, size = 18.0, 1.5, 64
-    rows, columns = np.mgrid[:size, :size] - (size - 1) / 2
-
-    def clean(scene):
-        from scipy.special import ndtr
-
-        x, y = (PX_PER_MM * scene.xy[:, 0]).T
-        rho = np.hypot(columns - x[:, None, None], rows - y[:, None, None])
-        return HEIGHT * scene.depth[:, :1, None] * ndtr((radius - rho) / blur)
-
-    (found,) = bound(tips((0.05, 0.02, 1.0)), clean)
-    sideways = NOISE / HEIGHT * np.sqrt(2 * blur / (np.sqrt(np.pi) * radius)) / PX_PER_MM
-    assert found[:2] == pytest.approx([sideways, sideways], rel=0.01)
-
-
 def test_contacts_that_share_no_pixel_are_independent():
     places = [(-4.0, -3.5, 1.0), (4.0, -3.0, 2.0), (0.5, 4.0, 0.5)]
     clean = discs((0, 0), size=80)
@@ -106,12 +86,6 @@ def test_contacts_that_share_no_pixel_are_independent():
         assert together[block, block] == pytest.approx(alone, rel=1e-9, abs=1e-15)
         together[block, block] = 0
     assert np.abs(together).max() < 1e-15
-
-
-def test_contacts_that_overlap_cost_each_other():
-    clean = discs((0, 0))
-    near, far = (bound(tips((-half, 0, 1.0), (half, 0, 1.0)), clean)[0] for half in (0.5, 3.0))
-    assert near[0] > 1.5 * far[0]
 
 
 def test_the_variance_of_the_shot_noise_tells_a_little():
@@ -161,6 +135,7 @@ def test_a_nuisance_that_looks_like_the_contact_hides_it():
     assert shared[0, :2] / known[0, :2] == pytest.approx([ratio, ratio], rel=0.02)
 
 
+@settings(max_examples=20)
 @given(
     st.sets(st.sampled_from(NUISANCES)),
     st.sets(st.sampled_from(NUISANCES)),
@@ -226,27 +201,3 @@ def test_shift_moves_along_columns_then_rows():
     for k, (dx, dy) in enumerate([(h, 0), (0, h)]):
         expected = (spot(4 + dx, -2.5 + dy) - spot(4 - dx, -2.5 - dy)) / (2 * h)
         assert np.abs(found[k] - expected).max() < 2e-3 * np.abs(expected).max()
-
-
-def test_shift_and_roll_are_those_of_the_sensors_discs():
-    """Sharp discs sampled at pixel centres: the spline knows their slopes to about 0.15.
-
-    Of a nuisance only the direction matters, its length drops out of the Schur complement.
-    """
-    sensor = TacTip127(SensorContext(np.random.SeedSequence(0)), vignetting=0.0)
-    camera = sensor.renderer
-    tips = sensor.places(tips_of([Scene(Indenter.single(), Pose(1.0, -2.0, depth=3.0))]))
-    x, y, radius = camera.project(tips)
-    middle, h = (camera.optics.size - 1) / 2, 1e-4
-    moves = {
-        "x": (np.ones_like(x), np.zeros_like(y)),
-        "y": (np.zeros_like(x), np.ones_like(y)),
-        "roll": (-(y - middle), x - middle),
-    }
-    found = derivatives(camera.clean(tips)[0], ["shift", "roll"])
-    for slope, (dx, dy) in zip(found, moves.values(), strict=True):
-        up, down = (camera.clean_discs(x + s * dx, y + s * dy, radius)[0] for s in (h, -h))
-        expected = (up - down) / (2 * h)
-        cosine = (slope * expected).sum() / np.sqrt((slope**2).sum() * (expected**2).sum())
-        assert cosine > 0.98
-        assert np.linalg.norm(slope) == pytest.approx(np.linalg.norm(expected), rel=0.1)

@@ -35,11 +35,12 @@ def deviations(matrix):
     return np.sqrt(np.diag(matrix)).reshape(-1, 3)
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("nuisances", [(), NUISANCES])
+@pytest.mark.parametrize(
+    ("name", "nuisances"), [("shallow", ()), ("dual", NUISANCES), ("plate", ())]
+)
 def test_the_step_does_not_matter_over_a_decade(name, nuisances):
     reference = deviations(covariance(SCENES[name], nuisances))
-    for step in (0.001, 0.002, 0.005, 0.01):
+    for step in (0.001, 0.01):
         found = deviations(covariance(SCENES[name], nuisances, step))
         assert found == pytest.approx(reference, rel=1e-3)
 
@@ -51,30 +52,17 @@ def turned(scene, degrees):
     return Scene(scene.indenter, Pose(*place, pose.yaw + degrees, pose.tilt, pose.depth))
 
 
-@pytest.mark.parametrize(("degrees", "within"), [(180, 1e-6), (60, 0.02), (120, 0.02)])
-@pytest.mark.parametrize("name", ["single", "dual"])
-def test_a_turned_press_has_the_turned_covariance(name, degrees, within):
+@pytest.mark.parametrize(("degrees", "within"), [(180, 1e-6), (60, 0.02)])
+def test_a_turned_press_has_the_turned_covariance(degrees, within):
     """The pins turn onto themselves by 60 deg, pixels by 90: exact by 180, else up to sampling."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    count = len(SCENES[name].indenter.offsets)
-    turns = np.kron(np.eye(count), turn)
-    expected = turns @ covariance(SCENES[name], size=256) @ turns.T
-    found = covariance(turned(SCENES[name], degrees), size=256)
+    turns = np.kron(np.eye(2), turn)
+    expected = turns @ covariance(SCENES["dual"], size=256) @ turns.T
+    found = covariance(turned(SCENES["dual"], degrees), size=256)
     scale = np.sqrt(np.diag(expected))
     unit = np.outer(scale, scale)
     assert np.abs(found / unit - expected / unit).max() < within
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_nuisances_never_lower_a_bound(name):
-    least = last = deviations(covariance(SCENES[name]))
-    for k in range(len(NUISANCES)):
-        found = deviations(covariance(SCENES[name], NUISANCES[: k + 1]))
-        assert (found >= last * (1 - 1e-9)).all()
-        last = found
-    assert (last > least).all()
-    assert (last < 3 * least).all()  # the pins around the contact tell where the camera is
 
 
 def test_tips_that_do_not_touch_do_not_count():
@@ -110,13 +98,12 @@ def linear(one, values, radius, h=0.005):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "count"), [("single", 500), ("dual", 500)])
-def test_least_squares_reaches_the_bound(name, count):
+def test_least_squares_reaches_the_bound():
     """Gauss-Newton on noisy 8-bit frames, from 0.05 mm beside the truth: its spread is the bound.
 
     The spread of 500 estimates is known to 3.2 %.
     """
-    one, scene = sensor(size=64), SCENES[name]
+    one, scene, count = sensor(size=64), SCENES["dual"], 500
     tips = tips_of([scene])
     with one:
         frames = [f.image for f in one.press_many([scene] * count)]
@@ -130,11 +117,10 @@ def test_least_squares_reaches_the_bound(name, count):
     sd = np.sqrt(np.diag(expected))
     assert found.std(axis=0, ddof=1) == pytest.approx(sd, rel=0.10)
     assert np.abs(found.mean(axis=0) - truth).max() < 5 * sd.max() / np.sqrt(count)
-    if name == "dual":
-        separation = np.linalg.norm(found[:, :2] - found[:, 3:5], axis=1)
-        apart = truth[:2] - truth[3:5]
-        g = np.array([*apart, 0, *-apart, 0]) / np.linalg.norm(apart)
-        assert separation.std(ddof=1) == pytest.approx(np.sqrt(g @ expected @ g), rel=0.10)
+    separation = np.linalg.norm(found[:, :2] - found[:, 3:5], axis=1)
+    apart = truth[:2] - truth[3:5]
+    g = np.array([*apart, 0, *-apart, 0]) / np.linalg.norm(apart)
+    assert separation.std(ddof=1) == pytest.approx(np.sqrt(g @ expected @ g), rel=0.10)
 
 
 def test_a_bound_is_one_row_a_contact():
@@ -154,14 +140,6 @@ def test_a_bound_falls_with_the_noise():
     loud = sensor(read_noise=4.0, full_well=1e9).bound(scene)
     ratio = np.sqrt((16 + 1 / 12) / (1 + 1 / 12))
     assert loud / quiet == pytest.approx(np.full((1, 3), ratio), rel=1e-3)
-
-
-def test_the_bound_of_a_shadowed_tip_is_infinite():
-    scene = Scene(Indenter(3.0, ((0, 0, 4.0), (1.5, 0, 0.4)), "shadow"), Pose(depth=4.0))
-    assert len(true_contacts(scene)) == 2
-    limits = sensor().bound(scene)
-    assert np.isfinite(limits[0]).all()
-    assert np.isinf(limits[1]).all()
 
 
 def test_sensors_whose_presses_are_drawn_or_listed_have_no_bound():

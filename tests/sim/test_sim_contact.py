@@ -1,20 +1,16 @@
-"""Vectorised contact geometry against tactibench.geometry, and scenes that are refused."""
+"""Scenes as tips, against tactibench.geometry; scenes that are refused."""
 
 import math
 
 import numpy as np
 import pytest
+from hard_scenes import GRID, sensor
 from hypothesis import given
 from hypothesis import strategies as st
 from penetration import normal_penetration
 
-from tactibench import Indenter, Pose, Scene
-from tactibench.geometry import (
-    plate_contact_xy,
-    tip_depths,
-    tip_positions,
-    true_contacts,
-)
+from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.geometry import plate_contact_xy, tip_depths, tip_positions, true_contacts
 from tactibench_sim import check_reach, tips_of
 
 numbers = st.floats(-8, 8)
@@ -70,3 +66,31 @@ def test_a_tip_beside_the_dome_is_none():
 def test_a_steep_tip_that_does_not_touch_is_allowed():
     scene = Scene(Indenter(3.0, ((0, 0, 0), (21.0, 0, -8.0)), "odd"), Pose(depth=0.5))
     check_reach(*tips_of([scene]).directions(), 6.5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "named"),
+    [
+        *(
+            (Scene(indenter, Pose(**{"depth": 1.0, name: value})), f"{name} {value}.*be finite")
+            for name in ("x", "y", "yaw", "tilt", "depth")
+            for value, indenter in ((math.nan, Indenter.dual(7.0)), (-math.inf, Indenter.plate()))
+        ),
+        (Scene(Indenter.single(0.5), Pose(depth=0.3)), "radius is 0.5 mm"),
+        (Scene(Indenter.single(), Pose(x=150.0, depth=1)), "must be within 100 mm"),
+        (Scene(Indenter.single(), Pose(tilt=5.0, depth=1)), "tilt is 5 deg"),
+        (Scene(Indenter.plate(), Pose(tilt=95.0, depth=1)), "tilt is 95 deg"),
+        (Scene(Indenter.single(), Pose(depth=6.6)), r"tables end at 6.5 mm, press less deep"),
+        (Scene(Indenter.dual(7.0), Pose(depth=25.0)), "less than the dome's radius"),
+        (Scene(Indenter.single(), Pose(depth=-0.1)), "depth is -0.1 mm; it must be 0 or more"),
+        (Scene(Indenter.single(), Pose(x=20.5, depth=1)), "beyond 55 deg"),
+        (Scene(Indenter.dual(40.0), Pose(depth=1)), "beyond 55 deg"),
+        (Scene(Indenter.plate(), Pose(tilt=60.0, depth=1)), "beyond 55 deg"),
+    ],
+)
+def test_bad_scenes_are_refused(scene, named):
+    one = sensor("coupled")
+    for call in (one.press, one.bound, lambda scene: one.surface(scene, GRID)):
+        with pytest.raises(UserError, match=named) as caught:
+            call(scene)
+        assert str(caught.value).endswith(".")

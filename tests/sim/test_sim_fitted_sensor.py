@@ -26,19 +26,10 @@ def plate(depth=3.0, tilt=0.0, yaw=90.0):
 @pytest.mark.parametrize(("kind", "pins"), [(Fitted127, 127), (Fitted331, 331)])
 def test_the_rest_frame_shows_all_pins_where_they_are(kind, pins):
     sensor = made(kind, size=256)
-    rest = Tracker(sensor.rest().image).rest
+    rest = Tracker(sensor.rest().image, refine=False).rest
     assert len(rest) == pins
     apart = np.linalg.norm(rest[:, None] - sensor.rig.rest, axis=2).min(axis=1)
     assert apart.max() < 0.15
-
-
-def test_a_plate_that_does_not_touch_moves_no_pin():
-    sensor = made()
-    assert not sensor.moved([plate(0.0, 10.0)]).any()
-    with sensor:
-        quiet = sensor.press(plate(0.0))
-    off = quiet.image.astype(int) - sensor.rest().image
-    assert np.abs(off).max() < 15  # the camera's noise
 
 
 @pytest.mark.parametrize("yaw", [90.0, 0.0, -60.0])
@@ -49,21 +40,6 @@ def test_the_contact_is_found_where_the_tilt_moves_it(yaw):
     moved = sensor.moved([plate(3.0, t, yaw) for t in tilt])
     found, _ = direction_of(-moved.mean(axis=1), tilt)
     assert (found - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1.5)  # the camera's roll
-
-
-def test_pins_flee_from_where_the_plate_touches():
-    sensor = made(drag=0.0)
-    rest, moved = sensor.rig.rest, sensor.moved([plate(3.0, 15.0)])[0]
-    across = np.hypot(*(rest - rest.mean(axis=0)).T) < 0.25 * sensor.size
-    spread = (moved - moved.mean(axis=0))[across]
-    strength = np.linalg.norm(spread, axis=1)
-    assert strength.max() > 1.0
-
-
-def test_deeper_moves_more():
-    sensor = made(drag=0.0)
-    strength = np.linalg.norm(sensor.moved([plate(d) for d in (1, 2, 4, 6)]), axis=2).mean(axis=1)
-    assert (np.diff(strength) > 0.2).all()
 
 
 def test_the_drag_is_a_shift_along_the_tilt_that_some_presses_have():
@@ -101,11 +77,6 @@ def test_individuals_differ_in_the_field_and_share_the_rest_frame():
     kinds = np.unique(found.round(9), axis=0)
     assert len(kinds) == 4
     assert (np.abs(kinds - nominal.moved([plate(4.0, 10.0)])).max(axis=(1, 2)) < 1e-9).sum() == 1
-
-
-def test_no_pin_of_an_individual_is_shorter_than_a_tenth_of_the_calibrated_one():
-    wide = made(Fitted331, spread=3.0, individuals=1000)
-    assert min(one.pin_length_mm for one in wide._unknowns) == 0.1 * wide._length
 
 
 @pytest.mark.parametrize(("kind", "pins"), [(Fitted127, 127), (Fitted331, 331)])
@@ -148,25 +119,3 @@ def test_a_calibration_of_ones_own(tmp_path):
 def test_what_cannot_be_pressed_is_refused(scene, said):
     with made() as sensor, pytest.raises(UserError, match=said):
         sensor.press(scene)
-
-
-@pytest.mark.parametrize("kind", [Fitted127, Fitted331])
-def test_pins_grow_by_the_magnification(kind):
-    """Areas of thresholded blobs, against the radii that the camera's projection gives."""
-    sensor = made(kind, size=512, drag=0.0, output="bw")
-    centre = sensor.rig.rest[0]
-    resting, (pressed,) = sensor.rest().image, [f.image for f in sensor.press_many([plate(3.5)])]
-    moved = sensor.moved([plate(3.5)])[0, 0]
-    before, after = area_at(resting, centre), area_at(pressed, centre + moved)
-    growth = sensor._changes([plate(3.5)], [0])[0, 0, 2]
-    assert growth > 1.1
-    assert after / before == pytest.approx(growth**2, abs=0.1)
-
-
-def area_at(image, place):
-    import cv2
-
-    bright = (image > 127).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright, connectivity=4)
-    column, row = np.round(place).astype(int)
-    return stats[labels[row, column], cv2.CC_STAT_AREA]

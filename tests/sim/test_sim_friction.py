@@ -63,9 +63,6 @@ class TestNothingIsDragged:
         frames = [TacTip127(context).press(scene).image for scene in (down, side)]
         assert (frames[0] == frames[1]).all()
 
-    def test_a_tip_that_does_not_touch_drags_nothing(self) -> None:
-        assert (bases(0.8, moved(single(depth=0.0), dx=1.0)) == 0).all()
-
     def test_the_drag_fades_continuously_as_the_tip_lifts(self) -> None:
         sizes = []
         for depth in (0.1, 0.01, 0.001, 1e-6):
@@ -103,20 +100,6 @@ class TestLaw:
         assert (
             bases(0.8, moved(single(2, 1), dyaw=90.0)) == bases(0.8, tips_of([single(2, 1)]))
         ).all()
-
-    def test_together_two_stuck_tips_take_less_force_each_than_alone(self) -> None:
-        pair = Scene(Indenter.dual(7.0), Pose(depth=2.0))
-        both = np.linalg.norm(sideways_force(2.0, moved(pair, dy=0.05)), axis=1)
-        alone = np.linalg.norm(sideways_force(2.0, moved(single(3.5, 0), dy=0.05)), axis=1)
-        assert (both < 0.9 * alone).all()
-
-    def test_skin_stuck_to_the_tip_ends_where_the_tip_ends(self) -> None:
-        down, side = tips_of([single()]), moved(single(), dx=0.3)
-        mechanics = FrictionMechanics(FRICTIONLESS, 2.0)
-        loads = mechanics.loads(side)
-        start = loads.pulls[0].n[0, 0]  # of the skin's point that the tip presses
-        under = 20.0 * start - mechanics.skin(loads, start[None])[0, 0] * start
-        assert under[0] == pytest.approx(down.xy[0, 0, 0] - 0.3, abs=0.05)
 
 
 @pytest.mark.parametrize("turn", [37.0, 90.0, 180.0])

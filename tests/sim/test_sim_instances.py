@@ -1,12 +1,10 @@
 """Other sensors of the same make: domes between computed ones, draws, presses on many of them."""
 
 import dataclasses
-import json
 import math
 
 import numpy as np
 import pytest
-import tabulate_presses
 from hard_scenes import enclosed_volume
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,7 +20,6 @@ from tactibench_sim import (
     Spread,
     TableMechanics,
     TacTip127,
-    TacTip331,
     Tips,
     Tolerances,
     TrainingInstances,
@@ -32,7 +29,6 @@ from tactibench_sim import (
     lost_pins,
     modulus,
     perturb,
-    read_file,
     shape_name,
     shipped_dome,
     shipped_file,
@@ -95,66 +91,6 @@ def test_what_mechanics_demands_holds_between_computed_domes(at):
                 assert abs(change) < 0.01 * dimple
 
 
-@few
-@given(st.floats(-1, 1), st.floats(-1, 0.9))
-def test_a_stiffer_gel_and_a_thicker_skin_take_more_force(fixed, low):
-    """Forces are in units of the skin's modulus: a greater ratio is a softer gel."""
-    for radius in NOMINAL.by_radius:
-        soft, stiff, thin, thick = (
-            tables_between(NOMINAL, *at).by_radius[radius].fields["force"][1:]
-            for at in ((low + 0.1, fixed), (low, fixed), (fixed, low), (fixed, low + 0.1))
-        )
-        assert (stiff > soft).all()
-        assert (thick > thin).all()
-
-
-def test_an_instance_is_told_apart():
-    several = [instance_tables(NOMINAL, n) for n in (0, 1, 2, 3)]
-    again = instance_tables(NOMINAL, 2)
-    assert len({one.digest for one in several}) == 4
-    assert all(len(one.digest) == 64 for one in several)
-    assert again.digest == several[2].digest
-    assert again.parameters["instance"] == 2
-    assert again.parameters["between"] == DOMES.digest
-    assert json.loads(json.dumps(again.parameters)) == again.parameters
-    assert "instance" not in NOMINAL.parameters
-
-
-def invented(ratio, skin, radius, delta, polar):
-    """Fields quadratic in both logarithms, around the nominal ones."""
-    x, y = math.log(ratio / 50, RATIO_FACTOR), math.log(skin, SKIN_FACTOR)
-    amount = 0.3 * x - 0.2 * x * x + 0.1 * y + 0.05 * x * x * y * y
-    one = NOMINAL.by_radius[radius]
-    field = amount * np.outer(delta * (7 - delta), np.cos(2 * polar)) / 12
-    out = {name: one.fields[name][::2, :: len(one.polar) // len(polar)] + field for name in FIELDS}
-    return {**out, "force": one.fields["force"][::2] + amount * delta}
-
-
-def test_a_dome_between_computed_ones(tmp_path, monkeypatch):
-    """The script stores the fields of eight domes; between them the quadratic is met."""
-    monkeypatch.setattr(
-        tabulate_presses,
-        "columns",
-        lambda dome, radius, delta, polar: invented(
-            dome.stiffness_ratio, dome.skin, radius, delta, polar
-        ),
-    )
-    monkeypatch.setattr(tabulate_presses, "solver", lambda: "none")
-    tabulate_presses.tabulate_domes(tmp_path / "made.npz", NOMINAL)
-    made = read_file(tmp_path / "made.npz")
-    monkeypatch.setattr("tactibench_sim.instances.shipped_file", lambda _: made)
-    for x, y in [(0.3, -0.7), (-0.5, 0.5), (1.0, 1.0)]:
-        got = tables_between(NOMINAL, x, y)
-        dome = got.parameters["dome"]
-        assert dome["stiffness_ratio"] == 50 * RATIO_FACTOR**x
-        for radius, one in got.by_radius.items():
-            delta = one.delta[::2]
-            exact = invented(dome["stiffness_ratio"], dome["skin"], radius, delta, one.polar)
-            for name in FIELDS:
-                assert one.fields[name][::2] == pytest.approx(exact[name], abs=2 * QUANTUM)
-            assert one.fields["force"][::2] == pytest.approx(exact["force"], abs=1e-6)
-
-
 @pytest.mark.parametrize("tier", ["superpose", "coupled"])
 def test_pins_stand_on_the_instances_own_skin(tier):
     tables = instance_tables(NOMINAL, 4)
@@ -208,7 +144,7 @@ def test_reserved_instances_are_never_drawn(count, seed, press):
     assert again.number_of(press) == number
 
 
-@pytest.mark.parametrize("count", [2, 3, 16])
+@pytest.mark.parametrize("count", [2, 16])
 def test_the_presses_are_spread_evenly_and_without_a_pattern(count):
     drawn = TrainingInstances(None, np.random.SeedSequence(5), count)
     numbers = np.array([drawn.number_of(press) for press in range(1600)])
@@ -241,12 +177,10 @@ def test_few_instances_in_memory_give_the_same_frames(monkeypatch):
 # -- the rest frame
 
 
-@pytest.mark.parametrize(
-    "parameters", [{}, {"output": "rgb"}, {"pin_loss": 0.1}, {"kind": TacTip331}]
-)
+@pytest.mark.parametrize("parameters", [{}, {"output": "rgb", "pin_loss": 0.1}])
 def test_every_instance_has_its_own_rest_frame_and_it_is_that_of_no_contact(parameters):
-    many = sensor(instances=5, noise=False, **parameters)
-    untouched = [Scene(Indenter.single(), Pose(depth=0.0))] * 30
+    many = sensor(instances=3, noise=False, **parameters)
+    untouched = [Scene(Indenter.single(), Pose(depth=0.0))] * 15
     frames = list(many.press_many(untouched))
     by_instance = {many.instances.number_of(k): frame.rest for k, frame in enumerate(frames)}
     for k, frame in enumerate(frames):
@@ -254,15 +188,14 @@ def test_every_instance_has_its_own_rest_frame_and_it_is_that_of_no_contact(para
         assert frame.rest is by_instance[many.instances.number_of(k)]  # shared, not copied
         assert not frame.rest.flags.writeable
     rests = {rest.tobytes() for rest in by_instance.values()}
-    assert len(by_instance) == len(rests) == 5
+    assert len(by_instance) == len(rests) == 3
     nominal = sensor(noise=False, **parameters).rest().image
     assert nominal.tobytes() not in rests
     assert np.array_equal(many.rest().image, nominal)
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_none_and_one_are_the_sensor_itself_bit_for_bit(count):
-    plain, one = sensor(), sensor(instances=count)
+def test_one_is_the_sensor_itself_bit_for_bit():
+    plain, one = sensor(), sensor(instances=1)
     assert one.describe() == plain.describe()
     assert alike(one.press_many(scenes(10)), plain.press_many(scenes(10)))
 
@@ -270,14 +203,6 @@ def test_none_and_one_are_the_sensor_itself_bit_for_bit(count):
 def test_many_and_one_at_once_are_refused():
     with pytest.raises(UserError, match=r"sensor.instance=3 and sensor.instances=4 name different"):
         sensor(instance=3, instances=4)
-
-
-def test_the_description_says_which_instances():
-    told = sensor(instances=4).describe()["instances"]
-    assert (told["count"], told["numbers"]) == (4, [10, 13])
-    assert told["tolerances"] == dataclasses.asdict(Tolerances())
-    assert told["domes"] == DOMES.digest
-    assert "instances" not in sensor(instance=3).describe()
 
 
 # -- the ranges

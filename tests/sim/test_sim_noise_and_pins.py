@@ -1,4 +1,4 @@
-"""Noise: the stream against numpy's, the normal values, what ``variance`` states."""
+"""Noise: the stream against numpy's, the normal values, what variance states; where pins stand."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench_sim import Noise, Optics, Renderer, expose, normal_table, sfc64, streams
+from tactibench_sim import (
+    HEXAGON,
+    RINGS,
+    Noise,
+    Optics,
+    Renderer,
+    expose,
+    layout,
+    normal_table,
+    project,
+    sfc64,
+    streams,
+)
 
 SEED = np.random.SeedSequence(3)
 NOTHING = np.empty((1, 0))
@@ -120,3 +132,29 @@ def test_variance_of_what_a_model_takes_in(output):
     assert off.mean() == pytest.approx(0, abs=0.01)
     for part in (clean > 140, (clean < 60) & (clean > 20)):
         assert off.var(axis=0)[part].mean() == pytest.approx(told[part].mean(), rel=0.01)
+
+
+def test_pins_at_rest_are_seen_where_the_real_ones_are():
+    """The derivation of the polar angles: projected back they give the radii of the real frames."""
+    x, y, _ = project(Optics(size=1), 17 * layout(331), 35.0)
+    rings = np.unique(np.hypot(x, y).round(9))
+    assert rings == pytest.approx(np.array(RINGS), abs=1e-9)
+    x, y, _ = project(Optics(size=1), 17 * layout(127), 35.0)
+    pitch = np.array([0, 1, np.sqrt(3), 2])
+    told = HEXAGON[0] * pitch + HEXAGON[1] * pitch**3 + HEXAGON[2] * pitch**5
+    assert np.unique(np.hypot(x, y).round(9))[:4] == pytest.approx(told, abs=1e-9)
+
+
+@pytest.mark.parametrize("pins", [127, 331])
+def test_layout_is_a_centred_unit_pattern_that_fits_the_frame(pins):
+    b = layout(pins)
+    assert b.shape == (pins, 3)
+    assert np.linalg.norm(b, axis=1) == pytest.approx(np.ones(pins), abs=1e-14)
+    assert tuple(b[0]) == (0, 0, 1)
+    assert abs(b[:, :2].mean(axis=0)).max() < 1e-12
+    x, y, radius = project(Optics(), 17 * b, 35.0)
+    assert (np.stack([x, y]) - radius > 0).all()
+    assert (np.stack([x, y]) + radius < 127).all()
+    turned = b[:, [0]] * np.array([[0.5, 0.75**0.5]]) + b[:, [1]] * np.array([[-(0.75**0.5), 0.5]])
+    gap = np.linalg.norm(turned[:, None] - b[None, :, :2], axis=2).min(axis=1)
+    assert gap.max() < 1e-12  # sixfold

@@ -1,16 +1,18 @@
-"""The pad's mechanics: properties that hold whatever the table's numbers are; then the table."""
+"""The planar sensor: the mechanics of its pad, the table that ships, and the sensor."""
 
 import math
 
 import numpy as np
 import pytest
+from fem_script import write_tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
-from tactibench import UserError
-from tactibench_sim import PadMechanics, Tips, shipped_file, square_grid
+from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.geometry import true_contacts
+from tactibench_sim import PadMechanics, PlanarGrid, Tips, pad_tips, shipped_file, square_grid
 
 FILE = shipped_file("pad.npz")
 PAD, THICKNESS = FILE.arrays, FILE.parameters["pad"]["thickness"]
@@ -82,19 +84,6 @@ def test_turning_and_mirroring_the_press_turns_and_mirrors_the_field(several, an
         expected = moved(*several)
         np.testing.assert_allclose(found[:, :2], expected[:, :2] @ q.T, atol=1e-9)
         np.testing.assert_allclose(found[:, 2], expected[:, 2], atol=1e-9)
-
-
-@given(st.lists(tip, min_size=2, max_size=4), st.randoms(use_true_random=False))
-@settings(max_examples=60, deadline=None)
-def test_the_order_of_tips_does_not_matter(several, random):
-    mixed = list(several)
-    random.shuffle(mixed)
-    np.testing.assert_allclose(moved(*mixed), moved(*several), atol=1e-9)
-
-
-def test_no_contact_moves_nothing():
-    for mechanics in (COUPLED, SUPERPOSED):
-        assert (moved((0, 0, 0.0), (3, 0, -0.3), mechanics=mechanics) == 0).all()
 
 
 @given(tip)
@@ -185,3 +174,106 @@ def test_what_the_tables_do_not_hold_is_refused():
         COUPLED.loads(Tips(one.xy, one.depth, np.array([0.5])))
     with pytest.raises(UserError, match="the tier is 'best'"):
         PadMechanics(FILE, "best")
+
+
+GRID = Grid.centred(64, 0.4)
+
+
+def sensor(seed=7, **parameters):
+    parameters.setdefault("threads", 1)
+    return PlanarGrid(SensorContext(np.random.SeedSequence(seed)), **parameters)
+
+
+def scenes(count, seed=0):
+    rng = np.random.default_rng(seed)
+    kinds = [Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 1.0, 2.0))]
+    return [
+        Scene(
+            kinds[k % 3],
+            Pose(*rng.uniform(-3, 3, 2), rng.uniform(-180, 180), 0.0, rng.uniform(0.5, 3)),
+        )
+        for k in range(count)
+    ]
+
+
+def single(x=0.0, y=0.0, depth=0.0):
+    return Scene(Indenter.single(), Pose(x, y, 0.0, 0.0, depth))
+
+
+def test_the_rest_frame_is_the_grid_through_a_pinhole():
+    """Without refraction, a marker at (x, y) on the plane is at f x / z; centroids of the discs."""
+    one = sensor(noise=False, gel_index=1.0, window_index=1.0, size=256, vignetting=0.0)
+    image = one.rest().image.astype(float) - 16
+    scale = one.optics.focal * 256 / (one.optics.camera_distance_mm - 0.5)
+    steps = np.arange(-6.5, 7) * 1.5
+    expected = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * scale + 127.5
+    rows, columns = np.indices(image.shape)
+    for x, y in expected:
+        near = (abs(columns - x) < 7) & (abs(rows - y) < 7)
+        weight = image * near
+        seen = [(weight * columns).sum() / weight.sum(), (weight * rows).sum() / weight.sum()]
+        assert seen == pytest.approx([x, y], abs=0.02)
+
+
+def test_surface_is_the_depth_under_the_tip():
+    one = sensor()
+    surface = one.surface(single(3.0, -2.0, 2.0), GRID)
+    row, column = np.unravel_index(surface.argmax(), surface.shape)
+    assert GRID.xy(row, column) == pytest.approx([3.0, -2.0], abs=0.29)
+    assert surface.max() == pytest.approx(2.0, abs=0.03)
+    assert surface.min() < -0.05
+
+
+def test_tips_are_those_of_the_core_on_a_flat_pad():
+    for scene in scenes(30, seed=3):
+        found = pad_tips([scene], 10.0)
+        touching = found.depth[0] > 0
+        truth = true_contacts(scene, math.inf)
+        np.testing.assert_allclose(found.xy[0, touching], truth.xy, atol=1e-12)
+        np.testing.assert_allclose(found.depth[0, touching], truth.depth, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("scene", "named"),
+    [
+        (Scene(Indenter.plate(), Pose(depth=1)), "plate would touch all of the flat pad"),
+        (Scene(Indenter.plate(), Pose(depth=1, tilt=5)), "plate would touch all of the flat pad"),
+        (Scene(Indenter.single(), Pose(depth=1, tilt=5)), "tilt is 5 deg"),
+        (Scene(Indenter.single(), Pose(depth=-1)), "depth is -1 mm"),
+        (Scene(Indenter.single(), Pose(x=math.nan, depth=1)), "x nan.*must be finite"),
+        (Scene(Indenter.single(), Pose(depth=math.inf)), "depth inf.*must be finite"),
+        (Scene(Indenter.single(), Pose(depth=3.2)), "tables end at 3 mm"),
+        (Scene(Indenter.single(), Pose(depth=1e6)), "no pad is that thick"),
+        (Scene(Indenter.single(), Pose(x=10.5, depth=1)), "within 10 mm of its middle"),
+        (Scene(Indenter.dual(12.0), Pose(y=-9.9, yaw=90, depth=1)), "within 10 mm of its middle"),
+        (Scene(Indenter.single(2.0), Pose(depth=1)), "radius is 2 mm"),
+    ],
+)
+def test_what_is_no_press_of_the_pad_is_refused(scene, named):
+    one = sensor()
+    for call in (one.press, one.bound, lambda s: one.surface(s, GRID)):
+        with pytest.raises(UserError, match=named) as caught:
+            call(scene)
+        assert str(caught.value).endswith(".")
+    seen = []
+    with pytest.raises(UserError, match=named):
+        seen.extend(one.press_many([*scenes(2), scene]))
+    assert len(seen) == 2
+
+
+def test_an_instance_differs_in_its_camera_not_in_its_pad():
+    one, two = sensor(), sensor(instance=5)
+    assert two.optics.gel_mm == one.optics.gel_mm == 5.0
+    assert two.optics.camera_distance_mm != one.optics.camera_distance_mm
+    assert (two.rest().image != one.rest().image).any()
+
+
+def test_a_table_of_ones_own(tmp_path):
+    mine = tmp_path / "mine.npz"
+    arrays = {**FILE.arrays, "t": FILE.arrays["t"] * 0.5}
+    pad = {**FILE.parameters["pad"], "thickness": 6.0}
+    write_tables(mine, arrays, {"pad": pad, "solver": "none"})
+    one, other = sensor(), sensor(table=str(mine))
+    assert other.optics.gel_mm == 6.0
+    assert (one.press(single(depth=3)).image != other.press(single(depth=3)).image).any()
+    assert one.describe() != other.describe()
