@@ -26,7 +26,6 @@ GRID = Grid.centred(64, 0.4)
 MAPS = 1500
 ENCODERS: dict[str, Encoder] = {
     "hertz maximum": HertzGaussian(decoder="maximum"),
-    "hertz least-squares 7": HertzGaussian(decoder="least-squares", window=7),
     "hertz least-squares": HertzGaussian(decoder="least-squares"),
     "hertz wide, free width": HertzGaussian(width="free"),
     "hertz wide": HertzGaussian(),

@@ -37,16 +37,16 @@ SILENT = {
 """Tokens that are no code."""
 CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_baselines": (220, 3),
-    "plugins/tactibench_cnn": (192, 3),
-    "plugins/tactibench_heatmaps": (729, 4),
-    "plugins/tactibench_mixture": (234, 3),
-    "plugins/tactibench_pins": (806, 5),
-    "plugins/tactibench_recorded": (280, 3),
+    "plugins/tactibench_cnn": (185, 3),
+    "plugins/tactibench_heatmaps": (719, 4),
+    "plugins/tactibench_mixture": (212, 3),
+    "plugins/tactibench_pins": (796, 5),
+    "plugins/tactibench_recorded": (266, 3),
     "plugins/tactibench_sim": (3606, 22),
-    "plugins/tactibench_superpose": (824, 5),
+    "plugins/tactibench_superpose": (799, 5),
     "plugins/tactibench_tactip": (3872, 22),
-    "plugins/tactibench_unet": (458, 3),
-    "plugins/tactibench_vgnn": (387, 3),
+    "plugins/tactibench_unet": (440, 3),
+    "plugins/tactibench_vgnn": (351, 3),
     "tactibench": (816, 11),
     "tactibench/board": (2023, 11),
     "tactibench/cli": (2303, 12),
@@ -65,7 +65,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/superposition": (1051, 5),
     "tactibench/sweep": (471, 3),
     "tactibench/testing": (1274, 6),
-    "tactibench/training": (1274, 8),
+    "tactibench/training": (1246, 8),
 }
 """Package -> most code lines, most modules. A row is lowered when a package shrinks."""
 LOADED = """

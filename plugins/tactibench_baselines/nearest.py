@@ -39,21 +39,20 @@ def _unpack(arrays: Arrays) -> list[Answer]:
     return [label for label in labels if label is not None]
 
 
-def _read(path: Path, answer: str, *names: str, optional: str = "") -> Arrays:
+def _read(path: Path, answer: str, *names: str) -> Arrays:
     """Read labels and other arrays from a file. Nothing is unpickled.
 
     Args:
         path: The file.
         answer: "contacts" or "plate".
         names: Further arrays that the file must hold.
-        optional: One more array that it may hold.
 
     Raises:
         UserError: The file is missing or damaged, or holds other arrays, such as labels of another
             kind.
     """
     expected, arrays = {*names, *pack((), answer)}, read_arrays(path)
-    if set(arrays) - {optional} != expected:
+    if set(arrays) != expected:
         raise UserError(
             f"{path} holds {', '.join(sorted(arrays))}, but a model that answers {answer!r} needs "
             f"{', '.join(sorted(expected))}; train again."
@@ -129,6 +128,8 @@ class MeanModel(Model):
 
 Features = npt.NDArray[np.float32]
 
+_NO_SCALE = np.empty(0, dtype=np.float32)
+"""The scale of channels where frames are images."""
 _BLOCK = 256
 """Frames compared at once: 256 x 4,000 distances are 4 MB."""
 _CANDIDATES = 8
@@ -148,7 +149,7 @@ class NearestModel(Model):
         self._answer_kind = context.answer
         self._size = size
         self._truth: list[Answer] = []
-        self._scale: Features | None = None
+        self._scale: Features = _NO_SCALE
         self._remember(np.empty((0, size * size), dtype=np.float32), minus_rest=False)
 
     def fit(
@@ -174,7 +175,7 @@ class NearestModel(Model):
             )
         self._truth = _unpack(pack(truth, self._answer_kind))
         self._minus_rest = all(frame.rest is not None for frame in frames)
-        self._scale = None
+        self._scale = _NO_SCALE
         if holds_channels(frames):
             deviations = channel_vectors(frames, minus_rest=self._minus_rest).std(axis=0)
             self._scale = np.where(deviations > 0, deviations, 1.0).astype(np.float32)
@@ -204,7 +205,7 @@ class NearestModel(Model):
             {
                 "features": self._train,
                 "minus_rest": np.array(self._minus_rest),
-                **({} if self._scale is None else {"scale": self._scale}),
+                "scale": self._scale,
                 **pack(self._truth, self._answer_kind),
             },
         )
@@ -217,17 +218,16 @@ class NearestModel(Model):
                 of another size.
         """
         path = directory / "nearest.npz"
-        arrays = _read(path, self._answer_kind, "features", "minus_rest", optional="scale")
-        features, minus_rest = arrays.pop("features"), bool(arrays.pop("minus_rest"))
-        self._scale = arrays.pop("scale", None)
-        truth = _unpack(arrays)
-        width = self._size**2 if self._scale is None else len(self._scale)
-        if features.shape != (len(truth), width):
+        arrays = _read(path, self._answer_kind, "features", "minus_rest", "scale")
+        features, minus_rest = arrays["features"], bool(arrays["minus_rest"])
+        self._scale = arrays["scale"]
+        self._truth = _unpack(arrays)
+        width = len(self._scale) or self._size**2
+        if features.shape != (len(self._truth), width):
             raise UserError(
-                f"{path} holds features of shape {features.shape} for {len(truth)} labels, but "
-                f"size {self._size} needs ({len(truth)}, {width}); train again."
+                f"{path} holds features of shape {features.shape} for {len(self._truth)} labels, but "
+                f"size {self._size} needs ({len(self._truth)}, {width}); train again."
             )
-        self._truth = truth
         self._remember(features, minus_rest)
 
     def _remember(self, features: Features, minus_rest: bool) -> None:
@@ -241,8 +241,7 @@ class NearestModel(Model):
         The rest frame is taken off where all training frames had one. Channels are returned as
         (N, C) in units of their deviations.
         """
-        if self._scale is not None:
-            count = len(self._scale)
+        if count := len(self._scale):
             return channel_vectors(frames, minus_rest=self._minus_rest, count=count) / self._scale
         flat = gray_frames(frames, self._size).reshape(-1, self._size**2).astype(np.float32)
         if self._minus_rest:

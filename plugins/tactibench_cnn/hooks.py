@@ -20,12 +20,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("width", 16, "channels of the first block", choices=(8, 16, 32, 64)),
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
                 *training_parameters(mixing=False),
-                Parameter(
-                    "rest",
-                    "recipe",
-                    "show the network the sensor at rest too, auto: where every frame brings it",
-                    choices=("recipe", "auto", "never"),
-                ),
             ),
             answers=("contacts", "plate"),
             max_contacts=1,

@@ -146,7 +146,6 @@ class CNN(LearnedModel):
         size: int = 128,
         epochs: int = 0,
         precision: str = "recipe",
-        rest: str = "recipe",
     ) -> None:
         architecture: dict[str, Any] = {
             "width": width,
@@ -157,7 +156,7 @@ class CNN(LearnedModel):
         super().__init__(context, _RECIPES[recipe].with_choices(epochs, precision), architecture)
         values = ANSWER_WIDTH[context.answer]
         self._normalisation = Normalisation(np.zeros(values), np.ones(values))
-        self._try_rest = rest == "auto" or (rest == "recipe" and recipe == "default")
+        self._as_published = recipe == "paper"
         self._aligned: AlignedImages | None = None
 
     @property
@@ -220,7 +219,7 @@ class CNN(LearnedModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         size = self.architecture["size"]
-        self._aligned = AlignedImages.of(frames, size) if self._try_rest else None
+        self._aligned = None if self._as_published else AlignedImages.of(frames, size)
         values = answer_vectors(truth, self.context.answer, self.name)
         self._normalisation = Normalisation.of(values[np.isfinite(values).all(axis=1)])
 

@@ -172,7 +172,6 @@ class HertzGaussian(MapEncoder):
         threshold: float = 0.25 / 6.0,
         min_distance: float = 3.0,
         max_count: int = 6,
-        window: int = 11,
         width: str = "kernel",
     ) -> None:
         self.max_depth = max_depth
@@ -183,7 +182,6 @@ class HertzGaussian(MapEncoder):
             threshold=threshold,
             min_distance=min_distance,
             max_count=max_count,
-            window=window,
             free=width == "free",
             flanks=decoder != "maximum",
         )
@@ -385,7 +383,6 @@ class HeatAndDepth(DiscEncoder):
         threshold: float = 0.3,
         min_distance: float = 1.2,
         max_count: int = 6,
-        window: int = 11,
     ) -> None:
         peaks = PeakReader(
             slope=0.0,
@@ -394,7 +391,6 @@ class HeatAndDepth(DiscEncoder):
             threshold=threshold,
             min_distance=min_distance,
             max_count=max_count,
-            window=window,
             flanks=decoder != "maximum",
         )
         super().__init__(max_depth, reach, peaks)

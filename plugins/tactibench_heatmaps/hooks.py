@@ -20,11 +20,6 @@ def _min_distance(default: float) -> Parameter:
     return Parameter("min_distance", default, summary, low=0.0, decode_only=True)
 
 
-def _window(summary: str) -> Parameter:
-    sides = (5, 7, 9, 11, 13, 15, 17)
-    return Parameter("window", 11, summary, choices=sides, decode_only=True)
-
-
 @hookimpl
 def tactibench_encoders() -> list[EncoderSpec]:
     """Return the heatmap of TactiVerse, and encoders with further maps."""
@@ -40,14 +35,13 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 Parameter(
                     "decoder",
                     "wide",
-                    "how peaks are read: sub-cell fit (wide: 17 x 17 cells), or the highest cell",
+                    "how peaks are read: fit of 11 x 11 cells (wide: 17 x 17), or the highest cell",
                     choices=("least-squares", "wide", "maximum"),
                     decode_only=True,
                 ),
                 _threshold(0.25 / 6.0),
                 _min_distance(3.0),
                 _MAX_COUNT,
-                _window("side of the window of decoder least-squares, cells (odd)"),
                 Parameter(
                     "width",
                     "kernel",
@@ -76,7 +70,6 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 _threshold(0.3),
                 _min_distance(1.2),
                 _MAX_COUNT,
-                _window("side of the window of decoder least-squares, cells (odd)"),
             ),
         ),
         EncoderSpec(

@@ -361,8 +361,8 @@ def three_points(one, peak):  # type: ignore[no-untyped-def]
     peak[2] = math.exp(rise)
 
 
-WIDE = 17
-"""Cells a side that the decoder `wide` fits: 4 sigma of the default heat to either side."""
+WINDOW = {"least-squares": 11, "wide": 17}
+"""Cells a side that a decoder fits; 17 are 4 sigma of the default heat to either side."""
 # round-trip error, mm on cells of 0.4 mm: half a cell; two steps
 TOLERANCE = {"maximum": 0.201, "least-squares": 0.002, "wide": 0.002}
 _STRAY = 0.6  # in sigmas of the narrowest kernel: noise moves the highest cell this far at most
@@ -399,7 +399,6 @@ class PeakReader:
         threshold: Least heat of a peak.
         min_distance: Least distance between peaks, mm.
         max_count: Most peaks of a map.
-        window: Cells a side of the fit of "least-squares", odd.
         free: Whether the fit finds the width of a peak, or holds it at the kernel's.
         flanks: Whether a peak must also rise above the flanks that the kernel predicts for the
             higher peaks of its map, by a tenth of them and half the threshold.
@@ -411,7 +410,6 @@ class PeakReader:
     threshold: float
     min_distance: float
     max_count: int
-    window: int = 11
     free: bool = True
     flanks: bool = True
 
@@ -427,7 +425,7 @@ class PeakReader:
         )
         stray = max(_STRAY**2 * base, 1.0)
         if self.decoder != "maximum":
-            half = (WIDE if self.decoder == "wide" else self.window) // 2
+            half = WINDOW[self.decoder] // 2
             fit_maps(maps, half, self.free, stray, slope, base, counts, place)
         return Peaks(counts, place)
 

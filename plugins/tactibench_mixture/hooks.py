@@ -17,13 +17,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
             summary="displacement field to a mixture of Gaussians, each contact with its std",
             parameters=(
                 Parameter("width", 32, "channels of the finest level", choices=(16, 32, 48, 64)),
-                Parameter("cells", 16, "cells along a side of the frame", choices=(16, 32)),
-                Parameter(
-                    "mirror",
-                    "auto",
-                    "train on mirrored frames, auto: where the pins at rest are symmetric",
-                    choices=("auto", "never"),
-                ),
                 *training_parameters(mixing=True),
             ),
             answers=("contacts", "plate"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,15 +20,13 @@ from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench import Answer, Contacts, Frame, Grid, ModelContext, UserError
-from tactibench.markers import AlignedSensors, PinTracker, Tracks
+from tactibench.markers import PinTracker, Tracks
 from tactibench.training import (
     Examples,
     MixtureModel,
     Recipe,
     draw_flips,
     flip_maps,
-    pack_image,
-    unpack_image,
 )
 
 CHANNELS = 7
@@ -199,15 +197,6 @@ class DisplacementField:
         pins, last = self.pins.rest, self.pins.side - 1
         return _coincide(pins, np.abs([last, 0] - pins)), _coincide(pins, np.abs([0, last] - pins))
 
-    def to_json(self) -> dict[str, str | int]:
-        """Return JSON values from which ``from_json`` makes the same field."""
-        return {"rest": pack_image(self.pins.rest_image), "cells": self.cells}
-
-    @classmethod
-    def from_json(cls, values: dict[str, str | int]) -> Self:
-        """Return the field of ``to_json``."""
-        return cls(PinTracker(unpack_image(str(values["rest"]))), int(values["cells"]))
-
 
 def _coincide(pins: npt.NDArray[np.float64], mirrored: npt.NDArray[np.float64]) -> bool:
     distance, _ = cKDTree(pins).query(mirrored)
@@ -215,6 +204,8 @@ def _coincide(pins: npt.NDArray[np.float64], mirrored: npt.NDArray[np.float64]) 
 
 
 RECIPE = Recipe(epochs=30, batch=32, learning_rate=2e-3, warmup=0.2, weight_decay=1e-2)
+_CELLS = 16
+"""Cells of the mixture along a side of the frame."""
 _FINER = 2
 """Cells of the displacement field along a cell of the mixture."""
 _REACH = 0.75
@@ -232,7 +223,7 @@ class Mixture(MixtureModel):
 
     Raises:
         UserError: The encoder is not of kind mixture, or the grid is no square whose side is a
-            multiple of ``cells``.
+            multiple of 16 cells.
     """
 
     name = "mixture"
@@ -241,18 +232,16 @@ class Mixture(MixtureModel):
         self,
         context: ModelContext,
         width: int = 32,
-        cells: int = 16,
-        mirror: str = "auto",
         epochs: int = 0,
         precision: str = "recipe",
         mixing: float = 0.0,
     ) -> None:
         if context.encoder is None or context.encoder.channels != CHANNELS:
             raise UserError("model 'mixture' needs an encoder of kind mixture; name one.")
-        architecture = {"width": width, "cells": cells, "mirror": mirror, "answer": context.answer}
+        architecture = {"width": width, "answer": context.answer}
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
         self._encoder = context.encoder
-        self._grid = _coarse(context.grid, cells)
+        self._grid = _coarse(context.grid)
         x, y = self._grid.axes()
         centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         self._use_anchors(centres, _REACH * self._grid.pitch)
@@ -260,14 +249,11 @@ class Mixture(MixtureModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)
-        self._sensors = self._find_sensors(frames, truth)
-        self._field = DisplacementField(self._sensors.first, _FINER * self._cells)
+        self._find_field()
 
     def build(self) -> MixtureNetwork:
-        mirror = (False, False)
-        if self._field is not None and self.architecture["mirror"] == "auto":
-            mirror = self._field.symmetry
-        return MixtureNetwork(self.architecture["width"], _FINER * self._cells, mirror)
+        mirror = (False, False) if self._field is None else self._field.symmetry
+        return MixtureNetwork(self.architecture["width"], _FINER * _CELLS, mirror)
 
     def initialise(self, network: MixtureNetwork, training: Examples) -> None:
         network.initialise(training.images, training.targets)
@@ -286,33 +272,27 @@ class Mixture(MixtureModel):
     def read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
         return self._encoder.decode_batch(outputs, self._grid)
 
-    def extra(self) -> dict[str, Any]:
-        field = None if self._field is None else self._field.to_json()
-        return {**super().extra(), "field": field}
-
     def restore(self, extra: dict[str, Any]) -> None:
         super().restore(extra)
-        if extra["field"] is not None:
-            self._field = DisplacementField.from_json(extra["field"])
-            self._sensors = AlignedSensors(self._field.pins)
+        self._find_field()
 
-    @property
-    def _cells(self) -> int:
-        return int(self.architecture["cells"])
+    def _find_field(self) -> None:
+        sensors = self._sensors
+        self._field = None if sensors is None else DisplacementField(sensors.first, _FINER * _CELLS)
 
 
-def _coarse(grid: Grid, cells: int) -> Grid:
-    """Return a grid of cells x cells over the same square.
+def _coarse(grid: Grid) -> Grid:
+    """Return a grid of 16 x 16 cells over the same square.
 
     Raises:
-        UserError: The grid is no square whose side is a multiple of ``cells``.
+        UserError: The grid is no square whose side is a multiple of 16 cells.
     """
     rows, columns = grid.shape
-    if rows != columns or rows % cells:
+    if rows != columns or rows % _CELLS:
         raise UserError(
-            f"model 'mixture' needs a square grid whose side is a multiple of {cells} cells, not "
-            f"{grid.shape}; change the protocol's grid or --param model.cells."
+            f"model 'mixture' needs a square grid whose side is a multiple of {_CELLS} cells, not "
+            f"{grid.shape}; change the protocol's grid."
         )
-    each = rows // cells
+    each = rows // _CELLS
     x, y = (start + 0.5 * (each - 1) * grid.pitch for start in grid.origin)
-    return Grid((cells, cells), (x, y), each * grid.pitch)
+    return Grid((_CELLS, _CELLS), (x, y), each * grid.pitch)

@@ -21,5 +21,4 @@ from .kernel import kernel_weights as kernel_weights
 from .model import COPIES as COPIES
 from .model import ForwardModel as ForwardModel
 from .model import Pins as Pins
-from .model import matern_kernel as matern_kernel
 from .model import move_presses as move_presses

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
@@ -292,7 +291,7 @@ class Kernel(Model):
         }
         save_weights(
             directory,
-            {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()},
+            arrays,
             model=self.name,
             architecture=self._architecture,
             extra={

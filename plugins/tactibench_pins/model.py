@@ -28,11 +28,11 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.distance import cdist
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench import Answer, Frame, ModelContext, Stage
+from tactibench.superposition import matern
 from tactibench.training import (
     ANSWER_WIDTH,
     Examples,
@@ -230,7 +230,7 @@ class ForwardModel:
         starts = range(0, len(targets), _KERNEL_ROWS)  # a kernel of all rows would fill the memory
         rows = (targets[start : start + _KERNEL_ROWS] / self.lengths for start in starts)
         return (
-            np.concatenate([matern_kernel(row, self.targets) @ self.alpha for row in rows])
+            np.concatenate([matern(row, self.targets, length=1.0) @ self.alpha for row in rows])
             + self.mean
         )
 
@@ -294,25 +294,13 @@ def _unlikelihood(targets: Array, moved: Array, noise: float) -> float:
 
 
 def _factor(targets: Array, noise: float) -> tuple[Array, bool]:
-    gram = matern_kernel(targets, targets)
+    gram = matern(targets, targets, length=1.0)
     gram[np.diag_indices(len(gram))] += noise
     factor: tuple[Array, bool] = cho_factor(gram, lower=True, overwrite_a=True)
     return factor
 
 
-def matern_kernel(a: Array, b: Array) -> Array:
-    """Return the kernel (N, M) of targets (N, T) and (M, T), each divided by its length."""
-    distance = np.sqrt(5.0) * cdist(a, b)
-    return np.asarray((1.0 + distance + distance**2 / 3.0) * np.exp(-distance))
-
-
-RECIPE = Recipe(
-    epochs=300,
-    batch=128,
-    learning_rate=3e-3,
-    warmup=0.2,
-    weight_decay=1e-2,
-)
+RECIPE = Recipe(epochs=300, batch=128, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2)
 CHANNELS = replace(RECIPE, epochs=33)
 """Fewer epochs for channels: with the moved presses an epoch has nine times as many frames."""
 _COMPONENTS = 40

@@ -40,13 +40,7 @@ def tactibench_sensors() -> list[SensorSpec]:
                     low=-1000.0,
                     high=1000.0,
                 ),
-                Parameter(
-                    "pivot_side_mm",
-                    0.0,
-                    "q of that depth",
-                    low=-1000.0,
-                    high=1000.0,
-                ),
+                Parameter("pivot_side_mm", 0.0, "q of that depth", low=-1000.0, high=1000.0),
                 Parameter(
                     "labels",
                     "auto",
@@ -67,12 +61,6 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "pose_6",
                     "column of targets.csv with the plate's tilt, deg",
                     choices=_COLUMNS + _ALIASES,
-                ),
-                Parameter(
-                    "frames",
-                    "auto",
-                    "folder of the frames; auto: the first of them that is there",
-                    choices=("auto", "frames_bw", "images", "sensor_images", "processed_images"),
                 ),
                 Parameter(
                     "trust_labels",

@@ -59,7 +59,6 @@ class RecordedSensor(Sensor):
         labels: str = "auto",
         depth: str = "pose_2",
         tilt: str = "pose_6",
-        frames: str = "auto",
         split: str = "",
         range: str = "auto",  # noqa: A002 - what the parameter is called
         trust_labels: bool = False,
@@ -70,7 +69,6 @@ class RecordedSensor(Sensor):
                 "frames, or a data set."
             )
         options = ImportOptions(
-            frames=frames,
             depth=depth,
             tilt=tilt,
             offset_mm=depth_offset_mm,
@@ -79,7 +77,7 @@ class RecordedSensor(Sensor):
         )
         given = (depth_offset_mm, pivot_mm, pivot_side_mm) != (OFFSET_MM, PIVOT_MM, 0.0)
         fit = labels == "fitted" or (labels == "auto" and context.indentation and not given)
-        recording = open_recording(context.data, ImportOptions(frames=frames))
+        recording = open_recording(context.data)
         self._recording, self._options = recording, options
         self._columns = dict(recording.columns)
         self._label_fit: RecordingFit | None = None

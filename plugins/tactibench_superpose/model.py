@@ -12,11 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from scipy.optimize import linear_sum_assignment
 
 from tactibench import (
@@ -97,40 +96,14 @@ class MultiContactPresses:
     """Presses with the same number of contacts.
 
     Attributes:
-        rows: (S,) rows among all frames.
         contacts: (S, K, 3) true contacts, mm.
         equivalents: (S, K, 3) equivalents, mm.
         left: (C, Q) residuals of the equivalents, px, in frames whose pins were all sure.
     """
 
-    rows: Rows
     contacts: Array
     equivalents: Array
     left: Array
-
-    @classmethod
-    def of(
-        cls,
-        explain: Callable[[Sequence[Frame], Array], tuple[Array, Array]],
-        frames: Sequence[Frame],
-        truth: Sequence[Answer],
-        rows: Rows,
-    ) -> Self:
-        """Return presses whose frames are explained by their true contacts.
-
-        Args:
-            explain: Returns equivalents and residuals of frames with (S, K, 3) true contacts, mm.
-            frames: All frames.
-            truth: The true contacts of all frames.
-            rows: (S,) rows of the presses among the frames.
-        """
-        contacts = contact_array([truth[int(row)] for row in rows])
-        return cls(rows, contacts, *explain([frames[int(row)] for row in rows], contacts))
-
-    @property
-    def shifts(self) -> Array:
-        """Shifts (S, K, 3) from the equivalents to the contacts, mm."""
-        return self.contacts - self.equivalents
 
 
 def rows_by_count(truth: Sequence[Answer]) -> list[Rows]:
@@ -152,11 +125,11 @@ def learn_laws(
     """
     equivalents, shifts = [], []
     for group in groups:
-        keep = np.ones(len(group.rows), dtype=bool)
+        keep = np.ones(len(group.contacts), dtype=bool)
         if held_out is not None:
             keep[::held_out] = False
         equivalents.append(group.equivalents[keep])
-        shifts.append(group.shifts[keep])
+        shifts.append(group.contacts[keep] - group.equivalents[keep])
     law = NeighbourLaw.learn(equivalents, shifts, nominal_inverse_law(), _ELSEWHERE)
     for pairs, shift in zip(equivalents, shifts, strict=True):
         if pairs.shape[1] == 2:
@@ -264,7 +237,12 @@ class Superpose(Model):
         unknown, spread = ModelError.unknown(weight), nominal_spread()
         nothing = NeighbourLaw.none(), Residual.none()
         self._use(Learned(family, pins.rest_image, weight, unknown, *nothing, spread))
-        groups = self._explain_groups(frames, truth)
+        groups: list[MultiContactPresses] = []
+        if self._settings["neighbours"] == "dome":
+            groups = [
+                self._explain([frames[int(row)] for row in rows], _contacts_of(truth, rows))
+                for rows in rows_by_count(truth)
+            ]
         left = [group.left for group in groups]
         model_error = ModelError.learn(np.concatenate(left), weight) if left else unknown
         # A law answers the presses that it was learned from better than others: errors are measured
@@ -287,8 +265,7 @@ class Superpose(Model):
         count = len(single.frames)
         notes: dict[str, Any] = {"single_presses": count, "others": len(frames) - count}
         neighbours = self._settings["neighbours"]
-        fitted = bool(groups) and neighbours == "dome"
-        prior: Prior = "fitted to multi-contact labels" if fitted else _PRIORS[neighbours]
+        prior: Prior = "fitted to multi-contact labels" if groups else _PRIORS[neighbours]
         if sensor_count > 1:
             notes |= {"sensors": sensor_count, "numbers_a_sensor": family.field.ways}
         return FitReport(1, time.perf_counter() - began, notes=notes, prior=prior)
@@ -335,28 +312,14 @@ class Superpose(Model):
         detector = Detector.of(field, pins, learned.weight, settings["gain"], settings["max_count"])
         return replace(detector, model_error=learned.model_error)
 
-    def _explain_groups(
-        self, frames: Sequence[Frame], truth: Sequence[Answer]
-    ) -> list[MultiContactPresses]:
-        """Explain the presses with several contacts, one group for each number of contacts.
-
-        There is no group where ``neighbours`` is "none".
-        """
-        if self._settings["neighbours"] == "none":
-            return []
-        return [
-            MultiContactPresses.of(self._explain, frames, truth, rows)
-            for rows in rows_by_count(truth)
-        ]
-
-    def _explain(self, frames: Sequence[Frame], contacts: Array) -> tuple[Array, Array]:
-        """Return the equivalents of true contacts, and the residuals (``Detector.explain``)."""
+    def _explain(self, frames: Sequence[Frame], contacts: Array) -> MultiContactPresses:
+        """Return presses that are explained by their true contacts (``Detector.explain``)."""
         equivalents, left = np.empty_like(contacts), []
         for number, rows in self._sensors.rows(frames).items():
             images = self._sensors[number].pins.images([frames[row] for row in rows])
             equivalents[rows], clear = self._detector(number).explain(images, contacts[rows])
             left.append(clear)
-        return equivalents, np.concatenate(left)
+        return MultiContactPresses(contacts, equivalents, np.concatenate(left))
 
     def _learn_laws(
         self, groups: Sequence[MultiContactPresses], held_out: int | None = None
@@ -466,13 +429,8 @@ class Superpose(Model):
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""
-        tensors = self._ready().arrays()
-        save_weights(
-            directory,
-            {name: torch.from_numpy(np.array(value)) for name, value in tensors.items()},
-            model="superpose",
-            architecture=self._settings,
-        )
+        arrays = self._ready().arrays()
+        save_weights(directory, arrays, model="superpose", architecture=self._settings)
 
     def load(self, directory: Path) -> None:
         """Read weights.

@@ -20,18 +20,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("width", 8, "channels of the first level", choices=(8, 16, 32, 64)),
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
                 Parameter("stem", 4, "stride of the first convolutions", choices=(1, 2, 4)),
-                Parameter(
-                    "mirror",
-                    "recipe",
-                    "train on mirrored frames, auto: where the rest frame is symmetric",
-                    choices=("recipe", "auto", "never"),
-                ),
-                Parameter(
-                    "rest",
-                    "recipe",
-                    "show the network the sensor at rest too, auto: where every frame brings it",
-                    choices=("recipe", "auto", "never"),
-                ),
                 *training_parameters(mixing=False),
                 Parameter(
                     "mixing",

@@ -29,6 +29,7 @@ from tactibench import (
     Prior,
     Progress,
     UserError,
+    gray_frames,
 )
 from tactibench.markers import AlignedImages
 from tactibench.training import (
@@ -346,8 +347,6 @@ class UNet(LearnedModel):
         epochs: int = 0,
         precision: str = "recipe",
         mixing: float = -1.0,
-        mirror: str = "recipe",
-        rest: str = "recipe",
         neighbours: str = "dome",
         faults: float = 0.0,
     ) -> None:
@@ -381,9 +380,8 @@ class UNet(LearnedModel):
         self._encoder = context.encoder
         self._scale = PlateScale()
         self._headroom = _HEADROOM[recipe]
-        self._try_mirror = mirror == "auto" or (mirror == "recipe" and recipe == "default")
+        self._as_published = recipe == "paper"
         self._mirror = (False, False)
-        self._try_rest = rest == "auto" or (rest == "recipe" and recipe == "default")
         self._aligned: AlignedImages | None = None
 
     def build(self) -> UNetNetwork:
@@ -442,15 +440,13 @@ class UNet(LearnedModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
+        self._aligned, self._mirror = None, (False, False)
+        if self._as_published:
+            return
         size = self.architecture["size"]
-        self._aligned = AlignedImages.of(frames, size) if self._try_rest else None
+        self._aligned = AlignedImages.of(frames, size)
         rest = _rest_image(frames, size)
-        self._mirror = (False, False)
-        if (
-            self._try_mirror
-            and rest is not None
-            and _is_symmetric(self._encoder, self.context.grid)
-        ):
+        if rest is not None and _is_symmetric(self._encoder, self.context.grid):
             self._mirror = find_symmetry(rest)
 
     def initialise(self, network: UNetNetwork, training: Examples) -> None:
@@ -565,11 +561,6 @@ def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:
 
 
 def _rest_image(frames: Sequence[Frame], size: int) -> Image | None:
-    """Return the (size, size) rest image of the first frame that has one."""
+    """Return the (size, size) gray rest image of the first frame that has one."""
     rest = next((rest for frame in frames if (rest := frame.rest_image) is not None), None)
-    return None if rest is None else _sized(rest, size)[0].numpy()
-
-
-def _sized(rest: Image, size: int) -> torch.Tensor:
-    """Return a rest image as (1, size, size) uint8, gray."""
-    return image_tensor([Frame(rest, 0.0, Pose())], size)[0]
+    return None if rest is None else gray_frames([Frame(rest, 0.0, Pose())], size)[0]

@@ -18,12 +18,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
             parameters=(
                 Parameter("width", 32, "features of a pin", choices=(16, 32, 64)),
                 Parameter("layers", 4, "rounds of message passing", low=1, high=16),
-                Parameter(
-                    "graph",
-                    "rest",
-                    "who is whose neighbour, rest: in the undeformed sensor, frame: in each frame",
-                    choices=("rest", "frame"),
-                ),
                 *training_parameters(mixing=True),
             ),
             answers=("contacts", "plate"),

@@ -21,14 +21,12 @@ import torch
 from torch import nn
 
 from tactibench import Answer, Contacts, Frame, ModelContext, UserError
-from tactibench.markers import AlignedSensors, PinTracker, Tracks, pin_graph
+from tactibench.markers import Tracks, pin_graph
 from tactibench.training import (
     MixtureModel,
+    MixtureReader,
     Recipe,
-    pack_image,
-    read_mixture,
     resting_frames,
-    unpack_image,
 )
 
 _GEOMETRY = 3
@@ -53,9 +51,9 @@ class Edges:
     """The neighbours of every pin.
 
     Attributes:
-        near: (P, K) or (B, P, K) numbers of the neighbours.
-        there: (..., P, K, 1), 1 where there is a neighbour and 0 where there is none.
-        apart: (..., P, K, 3) geometry of the edges at rest.
+        near: (P, K) numbers of the neighbours.
+        there: (P, K, 1), 1 where there is a neighbour and 0 where there is none.
+        apart: (P, K, 3) geometry of the edges at rest.
     """
 
     near: torch.Tensor
@@ -67,7 +65,7 @@ class Edges:
         """Return the edges of a table of neighbours.
 
         Args:
-            table: (..., P, K) neighbours, -1 for none.
+            table: (P, K) neighbours, -1 for none.
             place: (P, 2) places of the pins at rest, in pitches.
         """
         near = table.clamp_min(0)
@@ -79,12 +77,7 @@ class Edges:
     def gather(self, nodes: torch.Tensor) -> torch.Tensor:
         """Return the features (B, P, K, W) of every pin's neighbours, from nodes (B, P, W)."""
         batch, pins, width = nodes.shape
-        if self.near.ndim == 2:
-            gathered = nodes.index_select(1, self.near.flatten())
-        else:
-            index = self.near.flatten(1)[..., None].expand(-1, -1, width)
-            gathered = nodes.gather(1, index)
-        return gathered.view(batch, pins, -1, width)
+        return nodes.index_select(1, self.near.flatten()).view(batch, pins, -1, width)
 
 
 class EdgeEncoder(nn.Module):
@@ -120,7 +113,7 @@ class Messages(nn.Module):
         self.fixed: torch.Tensor | None = None
 
     def weights(self, edges: Edges) -> torch.Tensor:
-        """Return the weights (..., P, 6, K) of the edges."""
+        """Return the weights (P, 6, K) of the edges."""
         if self.fixed is not None:
             return self.fixed
         weights: torch.Tensor = self.weigh(edges.apart) * edges.there / 2
@@ -169,15 +162,14 @@ class Token(nn.Module):
 
 
 class GraphNetwork(nn.Module):
-    """(B, P, F) features of pins -> (B, 7, P) raw outputs of a mixture with one anchor a pin.
+    """(B, P, 5) features of pins -> (B, 7, P) raw outputs of a mixture with one anchor a pin.
 
     Every second round of messages is followed by the token.
 
     Args:
         place: (P, 2) places of the pins at rest, any unit.
         pitch: Distance of neighbouring pins, in the same unit.
-        table: (P, K) neighbours at rest, -1 for none; None: every frame brings its own neighbours
-            after the features of its pins.
+        table: (P, K) neighbours at rest, -1 for none.
         width: Features of a pin.
         layers: Rounds of messages.
     """
@@ -187,12 +179,7 @@ class GraphNetwork(nn.Module):
     table: torch.Tensor
 
     def __init__(
-        self,
-        place: torch.Tensor,
-        pitch: float,
-        table: torch.Tensor | None,
-        width: int,
-        layers: int,
+        self, place: torch.Tensor, pitch: float, table: torch.Tensor, width: int, layers: int
     ) -> None:
         super().__init__()
         middle = place - place.mean(dim=0)
@@ -202,8 +189,7 @@ class GraphNetwork(nn.Module):
         angle = torch.cat([wave * math.pi * unit for wave in _WAVES], dim=-1).float()
         waves = torch.cat([angle.sin(), angle.cos()], dim=-1)
         self.register_buffer("waves", waves, persistent=False)
-        none = torch.empty(0, NEAREST, dtype=torch.long)
-        self.register_buffer("table", none if table is None else table, persistent=False)
+        self.register_buffer("table", table, persistent=False)
         self.embed = nn.Sequential(
             nn.Linear(NODE + waves.shape[1], width), nn.ReLU(), nn.Linear(width, width)
         )
@@ -223,10 +209,9 @@ class GraphNetwork(nn.Module):
         nn.init.constant_(last.bias[:1], _FIRST_LOGIT)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        nodes = features[..., :NODE]
-        edges = self._edges(features)
-        waves = self.waves.expand(len(nodes), -1, -1)
-        hidden = self.embed(torch.cat([nodes, waves], dim=-1)) + self.encode(nodes, edges)
+        edges = self._edges()
+        waves = self.waves.expand(len(features), -1, -1)
+        hidden = self.embed(torch.cat([features, waves], dim=-1)) + self.encode(features, edges)
         for number, messages in enumerate(self.rounds):
             hidden = messages(hidden, edges)
             if number % 2 or len(self.rounds) == 1:
@@ -241,17 +226,13 @@ class GraphNetwork(nn.Module):
             for token in copied.tokens:
                 assert isinstance(token, Token)  # noqa: S101
                 token.fixed = token.weights(copied.place)
-            for messages in copied.rounds if len(copied.table) else ():
+            for messages in copied.rounds:
                 assert isinstance(messages, Messages)  # noqa: S101
-                messages.fixed = messages.weights(Edges.of(copied.table, copied._place()))
+                messages.fixed = messages.weights(copied._edges())
         return copied
 
-    def _place(self) -> torch.Tensor:
-        return self.place * self.pitches
-
-    def _edges(self, features: torch.Tensor) -> Edges:
-        table = self.table if len(self.table) else features[..., NODE:].long()
-        return Edges.of(table, self._place())
+    def _edges(self) -> Edges:
+        return Edges.of(self.table, self.place * self.pitches)
 
 
 Floats = npt.NDArray[np.float32]
@@ -267,7 +248,7 @@ _LONGEST = 2.0
 """Edges beyond this multiple of the median are long."""
 
 
-def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
+def node_features(tracks: Tracks, layout: PinLayout) -> Floats:
     """Return the features (N, P, 5) of the pins of N frames.
 
     Displacement and growths are divided by their rms over the training frames; a growth is the
@@ -276,17 +257,9 @@ def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
     Args:
         tracks: Tracked pins of the frames.
         layout: Layout of the pins.
-        graph: "frame": each frame has its own graph, and the features are (N, P, 5 + 8), with the
-            numbers of the pin's neighbours, -1 for none; "rest": they have no such numbers.
     """
-    count = len(tracks)
-    features = np.zeros((count, len(layout.rest), NODE + NEAREST * (graph == "frame")), np.float32)
-    areas = np.empty((count, len(layout.rest)))
-    for frame, xy in enumerate(tracks.xy):
-        voronoi = pin_graph(xy)
-        areas[frame] = voronoi.area
-        if graph == "frame":
-            features[frame, :, NODE:] = neighbour_table(voronoi.edges, xy)
+    features = np.zeros((len(tracks), len(layout.rest), NODE), np.float32)
+    areas = np.array([pin_graph(xy).area for xy in tracks.xy]).reshape(features.shape[:2])
     features[..., :2] = (tracks.xy - layout.rest) / layout.moved_px
     features[..., 2] = layout.growth(areas) / layout.grown
     radius = np.where(tracks.seen, tracks.radius, np.nan)  # a fit to no light has shrunk
@@ -306,8 +279,6 @@ def neighbour_table(edges: Table, xy: npt.NDArray[np.float64]) -> Table:
         xy: (P, 2) places of the pins, px.
     """
     table = np.full((len(xy), NEAREST), NO_PIN, dtype=np.int64)
-    if not len(edges):
-        return table
     directed = np.concatenate([edges, edges[:, ::-1]])
     length = np.linalg.norm(xy[directed[:, 0]] - xy[directed[:, 1]], axis=1)
     order = np.lexsort((directed[:, 1], length, directed[:, 0]))
@@ -459,6 +430,7 @@ each may leave a contact to the other: at 0.5 one press in 130 was missed on the
 (validation); on its test presses of exp1 one press had 0.06."""
 _MERGE_MM = 3.0
 """Pins whose contacts lie closer than a tip's radius report the same contact."""
+_READER = MixtureReader(_THRESHOLD, _MERGE_MM)
 _SCALE_FRAMES = 400
 """Training frames, spread evenly, from which the scales of the layout are learned."""
 _RESTING_SHARE = 0.02
@@ -483,12 +455,11 @@ class VGNN(MixtureModel):
         context: ModelContext,
         width: int = 32,
         layers: int = 4,
-        graph: str = "rest",
         epochs: int = 0,
         precision: str = "recipe",
         mixing: float = 0.0,
     ) -> None:
-        architecture = {"width": width, "layers": layers, "graph": graph, "answer": context.answer}
+        architecture = {"width": width, "layers": layers, "answer": context.answer}
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
         self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
 
@@ -500,7 +471,7 @@ class VGNN(MixtureModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)
-        self._sensors = self._find_sensors(frames, truth)
+        assert self._sensors is not None  # noqa: S101
         rows = np.unique(
             np.linspace(0, len(frames) - 1, min(len(frames), _SCALE_FRAMES)).astype(int)
         )
@@ -515,32 +486,27 @@ class VGNN(MixtureModel):
         edges = pin_graph(rest).edges
         pitch = float(np.median(np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)))
         table = neighbour_table(edges, rest)
-        most = max(1, int((table != NO_PIN).sum(axis=1).max()))
-        fixed = torch.from_numpy(table[:, :most]) if shape["graph"] == "rest" else None
-        return GraphNetwork(torch.from_numpy(rest), pitch, fixed, shape["width"], shape["layers"])
-
-    def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        features = node_features(self._tracks(frames), self._layout, self.architecture["graph"])
-        return torch.from_numpy(features)
-
-    def read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
-        probability, mean, std = np.split(outputs, [1, 4], axis=-1)
-        return read_mixture(
-            probability[..., 0], mean, std, threshold=_THRESHOLD, merge_mm=_MERGE_MM
+        most = int((table != NO_PIN).sum(axis=1).max())
+        return GraphNetwork(
+            torch.from_numpy(rest),
+            pitch,
+            torch.from_numpy(table[:, :most]),
+            shape["width"],
+            shape["layers"],
         )
 
+    def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
+        return torch.from_numpy(node_features(self._tracks(frames), self._layout))
+
+    def read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
+        probability, mean, std = np.split(outputs.astype(np.float64), [1, 4], axis=-1)
+        return _READER.read_all(probability[..., 0], mean, std)
+
     def extra(self) -> dict[str, Any]:
-        sensors = self._sensors
-        return {
-            "rest": None if sensors is None else pack_image(sensors.first.rest_image),
-            "layout": self._layout.to_json(),
-            **super().extra(),
-        }
+        return {"layout": self._layout.to_json(), **super().extra()}
 
     def restore(self, extra: dict[str, Any]) -> None:
         super().restore(extra)
-        rest = extra["rest"]
-        self._sensors = None if rest is None else AlignedSensors(PinTracker(unpack_image(rest)))
         self._use_layout(PinLayout.from_json(extra["layout"]))
 
     def fold(self, network: nn.Module) -> nn.Module:

@@ -19,7 +19,6 @@ from .mixture import count_nll as count_nll
 from .mixture import mixture_loss as mixture_loss
 from .mixture import mixture_values as mixture_values
 from .mixture import pack_contacts as pack_contacts
-from .mixture import read_mixture as read_mixture
 from .mixture import scale_std as scale_std
 from .mixture import split_calibration as split_calibration
 from .mixture import std_factors as std_factors

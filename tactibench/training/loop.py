@@ -581,8 +581,6 @@ def _optimiser(network: nn.Module, recipe: Recipe, precision: str) -> torch.opti
         {"params": others, "weight_decay": 0.0},
     ]
     if recipe.optimiser == "muon":
-        from tactibench.training.loop import Muon
-
         dtype = torch.bfloat16 if precision == "bf16" else torch.float32
         return Muon(groups, lr=recipe.learning_rate, dtype=dtype)
     kind = torch.optim.AdamW if recipe.optimiser == "adamw" else torch.optim.Adam

@@ -25,11 +25,12 @@ from torch.nn import functional as F  # noqa: N812
 
 from tactibench.contacts import Answer, Contacts, FloatArray, Frame
 from tactibench.errors import UserError
-from tactibench.markers import AlignedSensors, Tracks
+from tactibench.markers import AlignedSensors, PinTracker, Tracks
 from tactibench.plugins import FitReport, ModelContext, Progress
 from tactibench.training.learned import LearnedModel
 from tactibench.training.recipe import Recipe
 from tactibench.training.targets import PlateScale
+from tactibench.training.weights import pack_image, unpack_image
 
 FAINT = 0.01
 """Probability below which an anchor is ignored; dozens of such anchors do not make a contact."""
@@ -88,38 +89,19 @@ class MixtureReader:
             left[near] = 0.0
         return [_contacts(rows).top(self.max_count) for rows in contacts]
 
+    def read_all(self, p: FloatArray, mean: FloatArray, std: FloatArray) -> list[Contacts]:
+        """Return the contacts of N frames with M anchors each.
 
-def read_mixture(
-    probability: npt.ArrayLike,
-    mean: npt.ArrayLike,
-    std: npt.ArrayLike,
-    *,
-    threshold: float = 0.5,
-    merge_mm: float = 2.0,
-    max_count: int = 6,
-) -> list[Contacts]:
-    """Return the contacts of every frame as ``MixtureReader`` reads them.
+        Args:
+            p: (N, M) probabilities.
+            mean: (N, M, 3) x, y and depth, mm.
+            std: (N, M, 3) their standard deviations, mm.
 
-    Args:
-        probability: (N, M).
-        mean: (N, M, 3) x, y and depth, mm.
-        std: (N, M, 3) their standard deviations, mm.
-        threshold: Score below which contacts are dropped.
-        merge_mm: Distance within which anchors report the same contact, mm.
-        max_count: Most contacts of a frame.
-
-    Raises:
-        ValueError: Shapes do not fit, or a value is not finite.
-    """
-    p, mu, sigma = (np.asarray(values, dtype=np.float64) for values in (probability, mean, std))
-    if p.ndim != 2 or mu.shape != (*p.shape, 3) or sigma.shape != mu.shape:
-        raise ValueError(
-            f"a mixture has probability (N, M), mean and std (N, M, 3), but they have shapes "
-            f"{p.shape}, {mu.shape} and {sigma.shape}"
-        )
-    anchors = np.nonzero(~(p < FAINT))  # NaN passes, so that ``read`` refuses it
-    reader = MixtureReader(threshold, merge_mm, max_count)
-    return reader.read(len(p), anchors[0], p[anchors], mu[anchors], sigma[anchors])
+        Raises:
+            ValueError: A value is not finite.
+        """
+        anchors = np.nonzero(~(p < FAINT))  # NaN passes, so that ``read`` refuses it
+        return self.read(len(p), anchors[0], p[anchors], mean[anchors], std[anchors])
 
 
 def _padded(
@@ -232,10 +214,19 @@ class MixtureModel(LearnedModel):
         notes = {"kept_for_std": len(held_out), "std_factors": self._factors.round(4).tolist()}
         return replace(report, notes={**report.notes, **notes})
 
-    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
-        """Find the scale of plate depths; std are as stated until they are calibrated."""
+    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
+        """Find the scale of plate depths and the sensors; std are not scaled until calibrated.
+
+        The first sensor is that of the first frame with a rest image. Where no frame has one, the
+        frame that is pressed least is used as rest image.
+
+        Raises:
+            UserError: The image that is used shows no pins.
+        """
         self._factors = _AS_STATED
         self._plate = PlateScale.of(truth, self.context.max_depth)
+        depths = [self._plate.contacts(answer).depth.sum() for answer in truth]
+        self._sensors = AlignedSensors.of(frames, otherwise=frames[int(np.argmin(depths))])
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         """Return (N, K, 3) x, y and depth of the contacts, mm, rows of NaN for none."""
@@ -261,23 +252,18 @@ class MixtureModel(LearnedModel):
 
     def extra(self) -> dict[str, Any]:
         """Return JSON values that are stored with the weights; a subclass adds its own."""
-        return {"depth_offset_mm": self._plate.offset, "std_factors": self._factors.tolist()}
+        return {
+            "rest": None if self._sensors is None else pack_image(self._sensors.first.rest_image),
+            "depth_offset_mm": self._plate.offset,
+            "std_factors": self._factors.tolist(),
+        }
 
     def restore(self, extra: dict[str, Any]) -> None:
         """Restore the values that were stored with the weights."""
         self._plate = PlateScale(extra["depth_offset_mm"])
         self._factors = np.array(extra["std_factors"])
-
-    def _find_sensors(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> AlignedSensors:
-        """Return the sensors of a training; the first is that of the first frame with a rest image.
-
-        Where no frame has a rest image, the frame that is pressed least is used as rest image.
-
-        Raises:
-            UserError: The image that is used shows no pins.
-        """
-        depths = [self._plate.contacts(answer).depth.sum() for answer in truth]
-        return AlignedSensors.of(frames, otherwise=frames[int(np.argmin(depths))])
+        rest = extra["rest"]
+        self._sensors = None if rest is None else AlignedSensors(PinTracker(unpack_image(rest)))
 
     def _tracks(self, frames: Sequence[Frame]) -> Tracks:
         """Return the pins of frames on the layout of the first training sensor.
@@ -380,18 +366,11 @@ class MixtureScale:
         max_depth_mm: Depth for a raw depth of 1; a raw depth of -1 is 0 mm.
         floor_mm: Smallest standard deviation. It is below the noise of any sensor and only keeps
             the likelihood of a training frame finite.
-
-    Raises:
-        ValueError: A length is not positive.
     """
 
     reach_mm: float
     max_depth_mm: float
     floor_mm: float = 2e-3
-
-    def __post_init__(self) -> None:
-        if not min(self.reach_mm, self.max_depth_mm, self.floor_mm) > 0:
-            raise ValueError("reach_mm, max_depth_mm and floor_mm must be positive")
 
 
 def mixture_values(

@@ -31,9 +31,6 @@ class Recipe:
         channels_last: Whether tensors of convolutions have this memory layout.
         average: Decay per step of the mean of the weights, which is taken (see
             ``average_weights``); 0 to take the last weights.
-
-    Raises:
-        ValueError: A value allows no training.
     """
 
     epochs: int
@@ -47,18 +44,6 @@ class Recipe:
     precision: str = "float32"
     channels_last: bool = True
     average: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.epochs < 1 or self.batch < 1:
-            raise ValueError("a recipe needs at least one epoch and one frame a batch")
-        if not self.learning_rate > 0 or self.weight_decay < 0:
-            raise ValueError("learning_rate must be positive and weight_decay not negative")
-        if self.precision not in ("float32", "bf16"):
-            raise ValueError(f"precision {self.precision!r} is neither float32 nor bf16")
-        if not 0 <= self.average < 1:
-            raise ValueError("average is a decay a step, from 0 to below 1")
-        if not 0 < self.warmup < 1:
-            raise ValueError("warmup is a share of the steps, between 0 and 1")
 
     def rate(self, step: int, steps: int) -> float:
         """Return the learning rate of an optimiser step, counted from 0, of ``steps`` steps.

@@ -128,17 +128,10 @@ class Examples:
     Attributes:
         images: (N, ...) uint8 images or float features, as the network takes them.
         targets: (N, ...) float16 or float32, used as float32.
-
-    Raises:
-        ValueError: The numbers of images and targets differ.
     """
 
     images: torch.Tensor
     targets: torch.Tensor
-
-    def __post_init__(self) -> None:
-        if len(self.images) != len(self.targets):
-            raise ValueError(f"{len(self.images)} images have {len(self.targets)} targets")
 
     def __len__(self) -> int:
         return len(self.images)

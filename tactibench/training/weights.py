@@ -40,7 +40,7 @@ class DamagedFileError(Exception):
 
 def save_weights(
     directory: Path,
-    tensors: Mapping[str, torch.Tensor],
+    tensors: Mapping[str, torch.Tensor | npt.NDArray[Any]],
     *,
     model: str,
     architecture: Mapping[str, Any],
@@ -50,7 +50,7 @@ def save_weights(
 
     Args:
         directory: An existing folder.
-        tensors: Tensors by name.
+        tensors: Tensors or arrays by name.
         model: Name by which the model is declared.
         architecture: JSON values that determine the meaning of the tensors.
         extra: Further JSON values that ``load_weights`` returns.
@@ -85,29 +85,29 @@ def load_weights(
         raise UserError(f"{path} is missing; {again}") from None
     except DamagedFileError as error:
         raise UserError(f"{path} holds no usable weights: {error}; {again}") from error
-    if header.get("schema") != _SCHEMA:
+    stored = {key: header.get(key) for key in ("model", "schema")}
+    if stored != {"model": model, "schema": _SCHEMA}:
         raise UserError(
-            f"{path} has weights schema {header.get('schema')!r}, allowed is {_SCHEMA}; {again}"
-        )
-    if header.get("model") != model:
-        raise UserError(
-            f"{path} holds weights of model {header.get('model')!r}, not of {model!r}; {again}"
+            f"{path} holds weights of model {stored['model']!r}, schema {stored['schema']}, and "
+            f"not of {model!r}, schema {_SCHEMA}; {again}"
         )
     trained = header["architecture"]
     for name in sorted({*architecture, *trained}):
-        wanted, stored = architecture.get(name), trained.get(name)
-        if stored != wanted:
+        wanted, value = architecture.get(name), trained.get(name)
+        if value != wanted:
             raise UserError(
-                f"{path} was trained with {name}={stored!r}, but {name}={wanted!r} is asked for; "
-                f"use --param {model}.{name}={stored} or {again}"
+                f"{path} was trained with {name}={value!r}, but {name}={wanted!r} is asked for; "
+                f"use --param model.{name}={value} or {again}"
             )
     return tensors, header["extra"]
 
 
-def write_container(path: Path, tensors: Mapping[str, torch.Tensor], header: Any) -> None:
-    """Write tensors and a JSON header atomically, protected by a digest."""
+def write_container(
+    path: Path, tensors: Mapping[str, torch.Tensor | npt.NDArray[Any]], header: Any
+) -> None:
+    """Write tensors or arrays and a JSON header atomically, protected by a digest."""
     text = json.dumps(header, sort_keys=True)
-    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    plain = {name: _plain(tensor) for name, tensor in tensors.items()}
     # One entry: safetensors writes several in an order that changes from call to call.
     metadata = {_ENTRY: json.dumps({"digest": _digest(plain, text), "header": text})}
     with atomic(path) as file:
@@ -137,9 +137,15 @@ def read_container(path: Path) -> tuple[dict[str, torch.Tensor], Any]:
     return tensors, header
 
 
+def _plain(tensor: torch.Tensor | npt.NDArray[Any]) -> torch.Tensor:
+    if isinstance(tensor, np.ndarray):
+        tensor = torch.from_numpy(np.array(tensor))
+    return tensor.detach().cpu().contiguous()
+
+
 def tensor_bytes(tensor: torch.Tensor) -> bytes:
     """Return the bits of a tensor in row-major order."""
-    flat = tensor.detach().cpu().contiguous().reshape(-1)
+    flat = _plain(tensor).reshape(-1)
     return flat.view(torch.uint8).numpy().tobytes()
 
 
@@ -160,16 +166,7 @@ def pack_image(image: Image) -> str:
 
 
 def unpack_image(text: str) -> Image:
-    """Return the (H, W) uint8 image of a text that ``pack_image`` wrote.
-
-    Raises:
-        UserError: The text is not one that ``pack_image`` writes.
-    """
-    try:
-        height, width, levels = text.split(" ")
-        flat = np.frombuffer(zlib.decompress(base64.b85decode(levels)), dtype=np.uint8)
-        return flat.reshape(int(height), int(width)).copy()
-    except (ValueError, zlib.error) as error:
-        raise UserError(
-            f"an image kept beside the weights cannot be read: {error}; train the model again."
-        ) from error
+    """Return the (H, W) uint8 image of a text that ``pack_image`` wrote."""
+    height, width, levels = text.split(" ")
+    flat = np.frombuffer(zlib.decompress(base64.b85decode(levels)), dtype=np.uint8)
+    return flat.reshape(int(height), int(width)).copy()

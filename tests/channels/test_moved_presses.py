@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tactibench_pins import COPIES, ForwardModel, matern_kernel, move_presses
+from tactibench.superposition import matern
+from tactibench_pins import COPIES, ForwardModel, move_presses
 
 Array = npt.NDArray[np.float64]
 
@@ -53,9 +54,9 @@ def test_residuals_do_not_know_the_place(targets: Array) -> None:
     # The same process without the first place, solved outright.
     noise = _noise(forward, channels)
     others, own = forward.targets[3:], forward.targets[:3]
-    gram = matern_kernel(others, others) + noise * np.eye(297)
+    gram = matern(others, others, 1.0) + noise * np.eye(297)
     alpha = np.linalg.solve(gram, channels[3:] - forward.mean)
-    missed = channels[:3] - forward.mean - matern_kernel(own, others) @ alpha
+    missed = channels[:3] - forward.mean - matern(own, others, 1.0) @ alpha
     assert np.allclose(forward.residuals[:3], missed, atol=1e-6)
 
 

@@ -84,7 +84,7 @@ def with_rest(frames, rest):
     return [Frame(frame.image, frame.timestamp, frame.pose, rest) for frame in frames]
 
 
-@pytest.mark.parametrize(("options", "seen"), [({}, 2), ({"rest": "never"}, 1), (PAPER, 1)])
+@pytest.mark.parametrize(("options", "seen"), [({}, 2), (PAPER, 1)])
 def test_the_sensor_at_rest_is_seen_where_every_frame_brings_it(make_cnn, options, seen):
     still, _ = resting(1, 0)
     frames, truth = presses(4, 1)

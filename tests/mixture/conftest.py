@@ -10,7 +10,7 @@ from silent import Epochs
 from stubs import StubEncoder
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose
-from tactibench.training import read_mixture
+from tactibench.training import MixtureReader
 
 SIDE = 64
 GRID = Grid.centred(64, 0.4)
@@ -27,7 +27,7 @@ class CellEncoder(StubEncoder):
         cells = maps.reshape(len(maps), 7, -1).transpose(0, 2, 1).astype(float)
         mean = cells[..., 1:4]
         mean[..., :2] += np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        return read_mixture(cells[..., 0], mean, cells[..., 4:])
+        return MixtureReader().read_all(cells[..., 0], mean, cells[..., 4:])
 
 
 def pins(shift=0.0):

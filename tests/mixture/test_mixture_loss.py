@@ -12,12 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench.training import (
-    MixtureScale,
-    count_nll,
-    mixture_loss,
-    read_mixture,
-)
+from tactibench.training import MixtureReader, MixtureScale, count_nll, mixture_loss
 
 SCALE = MixtureScale(reach_mm=3.0, max_depth_mm=6.0)
 DOUBLE = torch.float64
@@ -153,7 +148,7 @@ def test_it_is_the_rule_written_as_loops(seed, frames, count):
     rng = np.random.default_rng(seed)
     p = rng.uniform(0, 1, (frames, count)) ** rng.integers(1, 6)
     mean, std = rng.uniform(-6, 6, (frames, count, 3)), rng.uniform(0.01, 1, (frames, count, 3))
-    found = read_mixture(p, mean, std, max_count=100)
+    found = MixtureReader(max_count=100).read_all(p, mean, std)
     for i in range(frames):
         expected = one_by_one(p[i], mean[i], std[i])
         assert len(found[i]) == len(expected)
@@ -166,18 +161,18 @@ def test_it_is_the_rule_written_as_loops(seed, frames, count):
 
 
 def test_at_most_max_count_contacts_are_returned():
-    (found,) = read_mixture(*anchors(*((0.9 - k / 100, 5 * k, 0, 1) for k in range(9))))
+    (found,) = MixtureReader().read_all(*anchors(*((0.9 - k / 100, 5 * k, 0, 1) for k in range(9))))
     assert len(found) == 6
     assert found.score[0] == 0.9
 
 
 @pytest.mark.parametrize("shape", [(0, 4), (3, 0), (3, 4)])
 def test_nothing_present_gives_no_contacts(shape):
-    found = read_mixture(np.zeros(shape), np.zeros((*shape, 3)), np.ones((*shape, 3)))
+    found = MixtureReader().read_all(np.zeros(shape), np.zeros((*shape, 3)), np.ones((*shape, 3)))
     assert [len(contacts) for contacts in found] == [0] * shape[0]
 
 
 def test_values_that_are_not_finite_are_refused():
     p, mean, std = anchors((0.9, 1, 2, np.nan))
     with pytest.raises(ValueError, match="not finite"):
-        read_mixture(p, mean, std)
+        MixtureReader().read_all(p, mean, std)

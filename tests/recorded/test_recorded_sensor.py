@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from itertools import cycle, islice
 
 import cv2
@@ -128,15 +127,6 @@ def test_lettered_columns_and_backslashes(recording, open_recording):
         "depth": "pose_y",
         "tilt": "pose_Rz",
     }
-
-
-def test_frames_folder_can_be_chosen(recording, open_recording):
-    shutil.copytree(recording / "frames_bw", recording / "processed_images")
-    chosen = open_recording(recording, frames="processed_images")
-    assert chosen.describe()["frames"] == "processed_images"
-    assert open_recording(recording).describe()["frames"] == "frames_bw"
-    with pytest.raises(UserError, match="looked for images"):
-        open_recording(recording, frames="images")
 
 
 def test_other_label_columns(recording, open_recording):

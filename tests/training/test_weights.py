@@ -64,7 +64,7 @@ def test_missing_damaged_and_old_weights_are_refused(tmp_path):
     write_container(
         tmp_path / "weights.safetensors", {}, {"schema": 0, "model": "m", "architecture": {}}
     )
-    with pytest.raises(UserError, match="schema 0"):
+    with pytest.raises(UserError, match="schema 0, and not of 'm'"):
         load_weights(tmp_path, **ask)
     (tmp_path / "weights.safetensors").write_bytes(b"junk")
     with pytest.raises(UserError, match="no usable weights"):
@@ -79,20 +79,3 @@ def test_an_image_is_the_same_after_json(image):
     assert other.shape == image.shape
     assert other.dtype == np.uint8
     assert other.flags.writeable
-
-
-@pytest.mark.parametrize(
-    "break_it",
-    [
-        lambda text: "",
-        lambda text: text[:-9],
-        lambda text: text.replace("3 4", "3 5"),
-        lambda text: text.replace("3 4", "3 x"),
-        lambda text: text + "\u00e9",
-        lambda text: text.split(" ")[2],
-    ],
-)
-def test_a_broken_text_is_refused(break_it):
-    text = pack_image(np.arange(12, dtype=np.uint8).reshape(3, 4))
-    with pytest.raises(UserError, match="train the model again"):
-        unpack_image(break_it(text))

@@ -133,9 +133,7 @@ def symmetric_frames() -> list[Frame]:
     ("encoder", "options", "wanted"),
     [
         (HertzGaussian(), {}, (True, True)),
-        (HertzGaussian(), {"mirror": "never"}, (False, False)),
         (HertzGaussian(), {"recipe": "paper"}, (False, False)),
-        (HertzGaussian(), {"recipe": "paper", "mirror": "auto"}, (True, True)),
         (Offsets(), {}, (False, False)),  # its maps hold steps, which change sign
     ],
 )
@@ -192,15 +190,7 @@ def trained(make_model, frames, truth, **options):
     return model
 
 
-@pytest.mark.parametrize(
-    ("options", "seen"),
-    [
-        ({}, 2),
-        ({"rest": "never"}, 1),
-        ({"recipe": "paper"}, 1),
-        ({"recipe": "paper", "rest": "auto"}, 2),
-    ],
-)
+@pytest.mark.parametrize(("options", "seen"), [({}, 2), ({"recipe": "paper"}, 1)])
 def test_rest_is_shown_where_the_recipe_says_so(make_model, options, seen) -> None:
     frames, truth = presses(3, 1)
     model = make_model(size=64, **options)

@@ -54,7 +54,7 @@ def test_the_table_holds_the_nearest_partners_of_every_pin(xy):
 
 
 def test_a_frame_at_rest_has_no_features_but_that_its_pins_are_seen(rest_pins):
-    features = node_features(tracked(rest_pins), flat(rest_pins), "rest")
+    features = node_features(tracked(rest_pins), flat(rest_pins))
     assert features.shape == (1, 37, NODE)
     assert features.dtype == np.float32
     np.testing.assert_allclose(features[0, :, :4], 0, atol=1e-6)
@@ -63,7 +63,7 @@ def test_a_frame_at_rest_has_no_features_but_that_its_pins_are_seen(rest_pins):
 
 def test_cells_of_a_layout_that_doubles_grow_by_log_4(rest_pins):
     away = (rest_pins - rest_pins.mean(axis=0)) * 2 + rest_pins.mean(axis=0)
-    growth = node_features(tracked(away), flat(rest_pins), "rest")[0, :, 2]
+    growth = node_features(tracked(away), flat(rest_pins))[0, :, 2]
     border = pin_graph(rest_pins).border
     np.testing.assert_allclose(growth[~border], np.log(4), rtol=1e-5)
 
@@ -72,7 +72,7 @@ def test_features_are_divided_by_the_scales_of_the_training(rest_pins, push_pins
     xy = tracked(push_pins(1.0, 2.0, 4.0))
     plain = flat(rest_pins)
     scaled = replace(plain, moved_px=2.0, grown=0.5)
-    one, other = (node_features(xy, layout, "rest") for layout in (plain, scaled))
+    one, other = (node_features(xy, layout) for layout in (plain, scaled))
     np.testing.assert_allclose(one / [2, 2, 0.5, 1, 1], other, rtol=1e-5, atol=1e-6)
 
 
@@ -80,11 +80,12 @@ def test_turning_the_frame_turns_the_displacements_and_nothing_else(rest_pins, p
     moved = push_pins(2.0, -3.0, 4.0)
     middle = rest_pins.mean(axis=0)
     turned_rest, turned = ((xy - middle) @ QUARTER + middle for xy in (rest_pins, moved))
-    one = node_features(tracked(moved), flat(rest_pins), "frame")[0]
-    other = node_features(tracked(turned), flat(turned_rest), "frame")[0]
+    one = node_features(tracked(moved), flat(rest_pins))[0]
+    other = node_features(tracked(turned), flat(turned_rest))[0]
     np.testing.assert_allclose(one[:, :2] @ QUARTER, other[:, :2], atol=1e-5)
-    np.testing.assert_allclose(one[:, 2:NODE], other[:, 2:NODE], atol=1e-5)
-    assert partners(one[:, NODE:]) == partners(other[:, NODE:])
+    np.testing.assert_allclose(one[:, 2:], other[:, 2:], atol=1e-5)
+    tables = [neighbour_table(pin_graph(xy).edges, xy) for xy in (moved, turned)]
+    assert partners(tables[0]) == partners(tables[1])
 
 
 def duplicates(xy):
@@ -102,25 +103,21 @@ def one_spot(xy):
     return np.full_like(xy, 30.0)
 
 
-@pytest.mark.parametrize("graph", ["rest", "frame"])
 @pytest.mark.parametrize("spoil", [duplicates, collinear, one_spot])
-def test_pins_that_coincide_or_lie_on_a_line_give_finite_features(rest_pins, spoil, graph):
+def test_pins_that_coincide_or_lie_on_a_line_give_finite_features(rest_pins, spoil):
     moved = spoil(rest_pins.copy())
-    features = node_features(tracked(moved), flat(rest_pins), graph)
-    assert np.isfinite(features).all()
-    table = features[0, :, NODE:]
-    assert ((table >= NO_PIN) & (table < 37)).all()
+    assert np.isfinite(node_features(tracked(moved), flat(rest_pins))).all()
 
 
 def test_a_picture_of_a_pin_that_grows_says_so_and_an_unknown_one_nothing(rest_pins):
     tracks = tracked(rest_pins, rest_pins)
     tracks.radius[0, 7] *= np.e
     tracks.radius[1] = np.nan
-    features = node_features(tracks, flat(rest_pins), "rest")
+    features = node_features(tracks, flat(rest_pins))
     assert features[0, 7, 3] == pytest.approx(1)
     assert np.count_nonzero(features[..., 3]) == 1
     unknown = replace(flat(rest_pins), radius=np.zeros(37))
-    assert not node_features(tracks, unknown, "rest")[..., 3].any()
+    assert not node_features(tracks, unknown)[..., 3].any()
 
 
 def test_the_size_of_a_pin_that_was_not_seen_is_not_known(rest_pins):
@@ -128,7 +125,7 @@ def test_the_size_of_a_pin_that_was_not_seen_is_not_known(rest_pins):
     tracks = tracked(rest_pins, rest_pins)
     tracks.radius[1, 5] *= 0.4
     tracks.seen[1, 5] = False
-    assert not node_features(tracks, flat(rest_pins), "rest")[..., 3].any()
+    assert not node_features(tracks, flat(rest_pins))[..., 3].any()
 
 
 def spread_presses(push_pins):

@@ -11,7 +11,7 @@ import torch
 from tactibench import Contacts
 from tactibench.markers import pin_graph
 from tactibench.training import torch_seed
-from tactibench_vgnn import NEAREST, NO_PIN, NODE, GraphNetwork, neighbour_table
+from tactibench_vgnn import NO_PIN, NODE, GraphNetwork, neighbour_table
 
 
 def flat(answers):
@@ -101,15 +101,6 @@ def test_the_order_of_pins_does_not_matter(rest_pins):
 
 
 @torch.inference_mode()
-def test_frames_that_bring_the_graph_at_rest_give_what_the_graph_at_rest_gives(rest_pins):
-    table, x = table_of(rest_pins), examples(len(rest_pins))
-    brought = torch.cat([x, table.float().expand(3, -1, -1)], dim=-1)
-    assert brought.shape[-1] == NODE + NEAREST
-    one = network(rest_pins, table)(x)
-    torch.testing.assert_close(one, network(rest_pins, None)(brought), rtol=1e-4, atol=1e-4)
-
-
-@torch.inference_mode()
 def test_a_pin_hears_its_neighbours_only_but_for_the_token(rest_pins):
     made, x = network(rest_pins, table_of(rest_pins), layers=1), examples(len(rest_pins), 1)
     for token in made.tokens:
@@ -124,11 +115,8 @@ def test_a_pin_hears_its_neighbours_only_but_for_the_token(rest_pins):
     assert heard.sum() > 4
 
 
-@pytest.mark.parametrize("brought", [False, True])
 @torch.inference_mode()
-def test_the_settled_copy_gives_the_same(rest_pins, brought):
-    table, x = table_of(rest_pins), examples(len(rest_pins))
-    made = network(rest_pins, None if brought else table)
-    x = torch.cat([x, table.float().expand(3, -1, -1)], dim=-1) if brought else x
+def test_the_settled_copy_gives_the_same(rest_pins):
+    made, x = network(rest_pins, table_of(rest_pins)), examples(len(rest_pins))
     torch.testing.assert_close(made.with_fixed_weights()(x), made(x), rtol=1e-5, atol=1e-5)
     assert all(messages.fixed is None for messages in made.rounds)
