@@ -225,8 +225,8 @@ class NearestModel(Model):
         width = len(self._scale) or self._size**2
         if features.shape != (len(self._truth), width):
             raise UserError(
-                f"{path} holds features of shape {features.shape} for {len(self._truth)} labels, but "
-                f"size {self._size} needs ({len(self._truth)}, {width}); train again."
+                f"{path} holds features of shape {features.shape}, but {len(self._truth)} labels "
+                f"at size {self._size} need ({len(self._truth)}, {width}); train again."
             )
         self._remember(features, minus_rest)
 
