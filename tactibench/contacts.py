@@ -8,10 +8,9 @@ degrees. Depth is a tip's travel past its own first touch along -z.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -330,6 +329,3 @@ class Grid:
         row = np.asarray((points[..., 1] - self.origin[1]) / self.pitch, dtype=np.float64)
         column = np.asarray((points[..., 0] - self.origin[0]) / self.pitch, dtype=np.float64)
         return row, column
-
-    def __iter__(self) -> Iterator[Any]:  # a grid is not a sequence of cells
-        raise TypeError("a Grid cannot be iterated; use axes()")

@@ -31,7 +31,6 @@ import numpy.typing as npt
 from numba import njit
 
 from tactibench import Contacts, Grid, UserError
-from tactibench.training import FAINT, MixtureReader
 from tactibench_heatmaps.peaks import (
     TOLERANCE,
     MapEncoder,
@@ -242,6 +241,8 @@ class Mixture(MapEncoder):
     tolerance = 1e-5
 
     def __init__(self, *, threshold: float = 0.3, merge: float = 2.0, max_count: int = 6) -> None:
+        from tactibench.training import MixtureReader  # heatmaps need none
+
         self._reader = MixtureReader(threshold, merge, max_count)
         self.separation = merge + self.tolerance
 
@@ -267,6 +268,8 @@ class Mixture(MapEncoder):
         return maps
 
     def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
+        from tactibench.training import FAINT
+
         frame, row, column = np.nonzero(stack[:, 0] >= FAINT)
         cells = stack[frame, :, row, column].astype(np.float64)
         mean = cells[:, 1:4]

@@ -15,7 +15,6 @@ from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.camera import TACTIP_127, TACTIP_331, Optics, optics_from
 from tactibench_sim.contact import Tips, tips_of
 from tactibench_sim.dome import TableMechanics, tips_of_pins
-from tactibench_sim.friction import FrictionMechanics
 from tactibench_sim.pins import PIN_LENGTH_MM, layout
 from tactibench_sim.renderer import Renderer, streams
 from tactibench_sim.sensor import FRAMES_PER_SECOND, SimulatedSensor
@@ -96,8 +95,11 @@ class SimulatedTacTip(SimulatedSensor):
             mechanics = instance_mechanics(tier, self._tables)
         else:  # a user's table has no tips but its own
             mechanics = TableMechanics(self._tables, tier, other_tips=not table)
-        # Any: either of the two takes the loads that it has made itself.
-        self.mechanics: Any = FrictionMechanics(mechanics, friction) if friction else mechanics
+        self.mechanics: Any = mechanics  # Any: either of the two takes the loads that it made
+        if friction:
+            from tactibench_sim.friction import FrictionMechanics
+
+            self.mechanics = FrictionMechanics(mechanics, friction)
         self.friction, self.lost = friction, lost
         self.directions = layout(self.pins)[~lost]
         still = np.zeros(self.directions.shape)

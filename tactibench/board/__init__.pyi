@@ -49,7 +49,6 @@ from .rows import frames_per_second as frames_per_second
 from .rows import label_of as label_of
 from .rows import latency as latency
 from .rows import machine as machine
-from .rows import measured_on as measured_on
 from .rows import mixing_of as mixing_of
 from .rows import model_text as model_text
 from .rows import prior_of as prior_of
@@ -58,10 +57,8 @@ from .rows import row_on_own_test as row_on_own_test
 from .rows import rows_of as rows_of
 from .rows import section_key as section_key
 from .rows import settled as settled
-from .rows import settled_time as settled_time
 from .rows import trained_for as trained_for
 from .rows import trained_on as trained_on
-from .rows import training_instances as training_instances
 from .rows import whole as whole
 from .sections import FINITE_ELEMENTS as FINITE_ELEMENTS
 from .sections import KINDS as KINDS
@@ -76,7 +73,6 @@ from .sections import gather_records as gather_records
 from .sections import place_run as place_run
 from .sections import sections_of as sections_of
 from .sections import select_section as select_section
-from .sections import times_bound as times_bound
 from .submissions import FOLDER as FOLDER
 from .submissions import PressErrors as PressErrors
 from .submissions import add as add

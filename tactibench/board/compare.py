@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.board.model_overview import ERROR
-from tactibench.board.rows import label_of, measured_on, section_key
+from tactibench.board.rows import label_of, section_key
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics import (
@@ -27,7 +27,7 @@ from tactibench.metrics import (
     find_metric,
     press_means,
 )
-from tactibench.records import StoredRun, canonical
+from tactibench.records import StoredRun, canonical, measured_on
 from tactibench.run import protocol_of, trials_of
 from tactibench.stats import Estimate, holm, mean_interval, sign_flip_ps
 

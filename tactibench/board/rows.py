@@ -20,8 +20,8 @@ import numpy as np
 
 from tactibench.metrics import AXES
 from tactibench.plugins import PluginHost
-from tactibench.records import Record, SpeedRow, canonical, digest
-from tactibench.run import SHOTS, Load
+from tactibench.records import Record, canonical, digest
+from tactibench.run import SHOTS, settled_time
 
 MIXING = "mixing"
 """Parameter of models that can train on frames mixed out of single presses: how many they mix."""
@@ -136,23 +136,6 @@ def command_options(record: Record) -> str:
     test = record.test_sensor
     options = [] if test is None else [o for o in test.options if not o.startswith(f"{SHOTS}=")]
     return "".join(" --hidden-seed" if text == "hidden" else f" --test {text}" for text in options)
-
-
-def training_instances(record: Record) -> int:
-    """Return how many sensors of one make pressed the training frames; 0 for the sensor alone."""
-    count = record.sensor.parameters.get("instances", 0)
-    return count if isinstance(count, int) and count > 1 else 0
-
-
-def measured_on(record: Record) -> str:
-    """Return "simulated sensor tactip-127", with the test sensor where that is another one."""
-    test = record.test_sensor
-    if test is not None and test.trained_on:
-        return f"real {test.description}, trained on {test.trained_on}"
-    text = f"{record.sensor.origin} sensor {record.sensor.place}"
-    if count := training_instances(record):
-        text += f", trained on {count} instances"
-    return text if test is None else f"{text}, tested on {test.description}"
 
 
 @dataclass(frozen=True)
@@ -435,11 +418,6 @@ def latency(
 def machine(record: Record) -> str:
     """Return the fingerprint of the hardware that a record was timed on."""
     return record.environment.fingerprint
-
-
-def settled_time(speed: SpeedRow) -> bool:
-    """Return whether a time is settled: its record says so, and others took little meanwhile."""
-    return speed.settled and Load(speed.stolen, speed.foreign).quiet is not False
 
 
 def settled(row: Row) -> bool:

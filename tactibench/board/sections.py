@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactibench.board.ranking import ordered, ranks
-from tactibench.board.rows import BOUND, Row, rows_of, section_key, trained_for, trained_on
+from tactibench.board.rows import Row, rows_of, section_key, trained_for, trained_on
 from tactibench.board.submissions import (
     FOLDER,
     all_press_errors,
@@ -265,12 +265,3 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
         board=board,
         committed=compacted.name in committed_names,
     )
-
-
-def times_bound(record: Record) -> tuple[float, float] | None:
-    """Return the smallest and the largest ratio of the RMSE of an axis to its Cramer-Rao bound.
-
-    None where the record holds no such ratio.
-    """
-    ratios = [m.value for m in record.metrics if m.metric == BOUND and m.value is not None]
-    return (min(ratios), max(ratios)) if ratios else None

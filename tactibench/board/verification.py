@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.board.rows import BOUND, below_bound, label_of, measured_on
+from tactibench.board.rows import BOUND, below_bound, label_of
 from tactibench.board.submissions import (
     Arrays,
     answers_file,
@@ -47,7 +47,15 @@ from tactibench.protocols import (
     recorded_seed,
     recorded_version,
 )
-from tactibench.records import BoundSpec, Metric, Record, arrays_hash, digest, make_signature
+from tactibench.records import (
+    BoundSpec,
+    Metric,
+    Record,
+    arrays_hash,
+    digest,
+    make_signature,
+    measured_on,
+)
 from tactibench.run import (
     HIDDEN,
     LIMIT,

@@ -57,7 +57,7 @@ class Terminal:
 def show_run(
     terminal: Terminal, run: StoredRun, store: Path, board: Path, *, full: bool = False
 ) -> None:
-    """Print a run in about ten lines, or whole, and update its pictures.
+    """Print a run in about ten lines, or whole, and draw its pictures where it is no quick run.
 
     Args:
         terminal: Where to print.
@@ -66,12 +66,17 @@ def show_run(
         board: Folder of the leaderboards, for the place of the run.
         full: Print all tables and published rows.
     """
-    from tactibench.board import place_run
-    from tactibench.report import place_line, print_summary, update_pictures
+    from tactibench.report import place_line, print_summary
 
-    others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
-    pictures = update_pictures(run, others)
-    place = place_run(run, board)
+    pictures: list[Path] = []
+    place = None
+    if not run.record.limits.quick:  # which is on no board, and whose errors show nothing
+        from tactibench.board import place_run
+        from tactibench.report import update_pictures
+
+        others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
+        pictures = update_pictures(run, others)
+        place = place_run(run, board)
     if not full:
         print_summary(terminal.out, run.record, run.folder, place, board)
         return

@@ -1,7 +1,7 @@
 """Public names of tactibench.markers, and the modules that define them."""
 
+from .aligned_images import AlignedImages as AlignedImages
 from .alignment import REACH as REACH
-from .alignment import AlignedImages as AlignedImages
 from .alignment import AlignedPins as AlignedPins
 from .alignment import AlignedSensors as AlignedSensors
 from .alignment import Outline as Outline

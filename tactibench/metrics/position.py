@@ -42,7 +42,6 @@ from tactibench.stats import (
     rms_interval,
     root,
     share_interval,
-    sign_flip_p,
 )
 
 AXES = ("x", "y", "z")
@@ -276,6 +275,8 @@ def _p(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
             sample = differences(trials, table, errors)
             sums = _by_press(sample, trials)
             if len(sums) > 1:
+                from tactibench.stats import sign_flip_p
+
                 p = sign_flip_p(sums, rng=rng)
                 yield table, Estimate(p, None, None, len(sample.values), len(sums))
 

@@ -6,7 +6,8 @@ The modules of the metrics are imported when the first metric is asked for.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
 from importlib import import_module
@@ -30,20 +31,26 @@ FAMILIES = ("position", "threshold", "detection", "surface", "uncertainty", "har
 @cache
 def all_metrics() -> Mapping[str, MetricSpec]:
     """Return every metric by its name."""
-    modules = (import_module(f"tactibench.metrics.{family}") for family in FAMILIES)
-    return MappingProxyType({spec.name: spec for module in modules for spec in module.SPECS})
+    return MappingProxyType({spec.name: spec for spec in _specs()})
 
 
+def _specs() -> Iterator[MetricSpec]:
+    """Yield all metrics; the module of a family is imported when its first metric is reached."""
+    for family in FAMILIES:
+        yield from import_module(f"tactibench.metrics.{family}").SPECS
+
+
+@cache
 def find_metric(name: str) -> MetricSpec:
     """Return the metric of a name.
 
     Raises:
         UserError: There is no such metric. The message names a close match.
     """
-    metrics = all_metrics()
-    if name not in metrics:
-        raise UserError(f"there is no metric {name!r}; {did_you_mean(name, metrics)}")
-    return metrics[name]
+    spec = next((spec for spec in _specs() if spec.name == name), None)
+    if spec is None:
+        raise UserError(f"there is no metric {name!r}; {did_you_mean(name, all_metrics())}")
+    return spec
 
 
 def check_metrics(protocol: LoadedProtocol) -> None:
@@ -60,8 +67,9 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     keys = [("metrics.names", spec.metrics.names)]
     keys += [(f"metrics of test.apart {test.name!r}", test.metrics) for test in spec.test.apart]
     for key, name in ((key, name) for key, names in keys for name in names):
-        if name in all_metrics() and getattr(find_metric(name), kind) is not None:
-            continue
+        with suppress(UserError):
+            if getattr(find_metric(name), kind) is not None:
+                continue
         fitting = [other for other, metric in all_metrics().items() if getattr(metric, kind)]
         raise UserError(
             f"protocol file {protocol.path}: key {key!r} holds {name!r}, which is no "

@@ -49,7 +49,9 @@ from .record import SpeedRow as SpeedRow
 from .record import Value as Value
 from .record import check_invariants as check_invariants
 from .record import make_signature as make_signature
+from .record import measured_on as measured_on
 from .record import parse_record as parse_record
+from .record import training_instances as training_instances
 from .store import CHECKSUM as CHECKSUM
 from .store import PARTS as PARTS
 from .store import RECORD as RECORD

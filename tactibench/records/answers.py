@@ -73,21 +73,9 @@ def pack(answers: Sequence[Answer | None], kind: str) -> Arrays:
     """Return answers of one kind as flat arrays.
 
     Args:
-        answers: One answer a frame; None: no plate pose was given.
+        answers: One answer of this kind a frame; None: no plate pose was given.
         kind: "contacts" or "plate".
-
-    Raises:
-        TypeError: An answer is not of this kind.
     """
-    if kind == "plate":
-        plates = [a for a in answers if a is None or isinstance(a, PlatePose)]
-        _all(plates, answers, "PlatePose")
-        return pack_plates(plates)
-    contacts = [a for a in answers if isinstance(a, Contacts)]
-    _all(contacts, answers, "Contacts")
-    return pack_contacts(contacts)
-
-
-def _all(fitting: Sequence[Any], answers: Sequence[Any], kind: str) -> None:
-    if len(fitting) != len(answers):
-        raise TypeError(f"{len(answers) - len(fitting)} answers are no {kind}")
+    packed: Any = pack_plates if kind == "plate" else pack_contacts
+    arrays: Arrays = packed(answers)
+    return arrays

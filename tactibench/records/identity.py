@@ -149,20 +149,18 @@ def code_commit(folder: Path) -> str:
         The hash of the commit, with ``+dirty`` where files were changed; "installed" where the code
         does not run from a checkout.
     """
+    where = ["git", "-C", str(folder)]
+    commands = ("ls-files --error-unmatch pyproject.toml", "rev-parse HEAD", "status --porcelain")
     try:
-        where = ["git", "-C", str(folder)]
-        tracked = [*where, "ls-files", "--error-unmatch", "pyproject.toml"]
-        subprocess.run(tracked, check=True, capture_output=True, timeout=10)
-        head = subprocess.run(
-            [*where, "rev-parse", "HEAD"], check=True, capture_output=True, text=True, timeout=10
-        )
-        status = subprocess.run(
-            [*where, "status", "--porcelain"],
-            check=True,
-            capture_output=True,
-            text=True,
-            timeout=10,
+        _, head, changed = (
+            subprocess.check_output(
+                [*where, *command.split()],
+                stderr=subprocess.DEVNULL,
+                text=True,
+                timeout=10,
+            ).strip()
+            for command in commands
         )
     except (OSError, subprocess.SubprocessError):
         return "installed"
-    return head.stdout.strip() + ("+dirty" if status.stdout.strip() else "")
+    return f"{head}+dirty" if changed else head

@@ -619,6 +619,23 @@ class Record(_Strict):
         return None if row is None else row.value
 
 
+def training_instances(record: Record) -> int:
+    """Return how many sensors of one make pressed the training frames; 0 for the sensor alone."""
+    count = record.sensor.parameters.get("instances", 0)
+    return count if isinstance(count, int) and count > 1 else 0
+
+
+def measured_on(record: Record) -> str:
+    """Return "simulated sensor tactip-127", with the test sensor where that is another one."""
+    test = record.test_sensor
+    if test is not None and test.trained_on:
+        return f"real {test.description}, trained on {test.trained_on}"
+    text = f"{record.sensor.origin} sensor {record.sensor.place}"
+    if count := training_instances(record):
+        text += f", trained on {count} instances"
+    return text if test is None else f"{text}, tested on {test.description}"
+
+
 def make_signature(record: Record) -> str:
     """Return one line that makes the numbers of a record reproducible."""
     test = record.test_sensor

@@ -38,7 +38,6 @@ from tactibench.board import (
     section_key,
     sections_of,
     trained_on,
-    training_instances,
     whole,
 )
 from tactibench.errors import UserError
@@ -51,7 +50,7 @@ from tactibench.protocols import (
     published_for,
 )
 from tactibench.protocols.loader import VARIABLE
-from tactibench.records import Record, atomic, canonical
+from tactibench.records import Record, atomic, canonical, training_instances
 from tactibench.report.board_tables import (
     BELOW,
     cost_table,

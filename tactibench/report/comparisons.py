@@ -18,11 +18,10 @@ from tactibench.board import (
     ReproducedRun,
     Verdict,
     left_out,
-    measured_on,
     names_of,
 )
 from tactibench.metrics import find_metric
-from tactibench.records import Record, StoredRun
+from tactibench.records import Record, StoredRun, measured_on
 from tactibench.report import tables
 from tactibench.report.tables import (
     MISSING,

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from tactibench.board import TRIVIAL, Row, label_of, measured_on
+from tactibench.board import TRIVIAL, Row, label_of
 from tactibench.contacts import Contacts, FloatArray, Grid
 from tactibench.protocols import Protocol, load_published, version_of
-from tactibench.records import Arrays, Record, StoredRun, atomic, unpack_contacts
+from tactibench.records import Arrays, Record, StoredRun, atomic, measured_on, unpack_contacts
 from tactibench.report.curve_plots import distance_figure, distance_series, stability_figure
 from tactibench.report.frame_plots import (
     FrameExample,

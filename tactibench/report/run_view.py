@@ -6,21 +6,11 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board import (
-    FEWEST_PRESSES,
-    FEWEST_SEEDS,
-    NOT_STATED,
-    Placement,
-    Row,
-    measured_on,
-    prior_of,
-    settled_time,
-    times_bound,
-)
 from tactibench.metrics import condition
 from tactibench.protocols import (
     Axis,
@@ -32,8 +22,7 @@ from tactibench.protocols import (
     family_of,
     rows_for,
 )
-from tactibench.records import Metric, Record, SpeedRow
-from tactibench.report.board_tables import family_table
+from tactibench.records import Metric, Record, SpeedRow, measured_on
 from tactibench.report.tables import (
     HEADS,
     NAMES,
@@ -58,6 +47,10 @@ from tactibench.report.tables import (
     span,
     table,
 )
+from tactibench.run import settled_time
+
+if TYPE_CHECKING:
+    from tactibench.board import Placement
 
 MISSES = {
     "missed": ("missed", 1, " %"),
@@ -75,6 +68,8 @@ NO_INTERVAL_NOTE = (
     f"{NO_INTERVAL}: no interval. One press has none, and of few presses the bootstrap of R2 may "
     "give none that holds its value."
 )
+BOUND = "rmse_over_bound"
+"""Metric that is the ratio of the RMSE of an axis to its Cramer-Rao bound."""
 FALSE = "false_per_1000"
 TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
@@ -106,7 +101,8 @@ def print_summary(
     for line in (misses_line(record), speed_line(record)):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(record.signature, style="dim"), soft_wrap=True)
-    text = f"more: --full; record and pictures: {folder}; words: {GLOSSARY}"
+    stored = "record" if record.limits.quick else "record and pictures"
+    text = f"more: --full; {stored}: {folder}; words: {GLOSSARY}"
     console.print(Text(text), soft_wrap=True)
     console.print(Text(place_line(record, folder, place, board)), soft_wrap=True)
 
@@ -182,6 +178,8 @@ def _place(record: Record, place: Placement | None) -> Iterator[str]:
         why = "a shortened run is on no board" if shortened else "no board row to compare with"
         yield f"no rank, {why}"
     else:
+        from tactibench.board import FEWEST_PRESSES, FEWEST_SEEDS
+
         rank = f"rank {place.rank} of {place.rows} by {place.ranking.name}"
         if place.rank is None:
             rank = f"no rank yet, which takes {FEWEST_SEEDS} seeds and {FEWEST_PRESSES} presses"
@@ -191,8 +189,9 @@ def _place(record: Record, place: Placement | None) -> Iterator[str]:
             pooled = place.above.metric(place.ranking.metric, place.ranking.group)
             value = "" if pooled is None else f" {number(pooled.value, place.ranking.decimals)}"
             yield f"{rank}, above it {place.above.label}{value}"
-    if ratios := times_bound(record):
-        low, high = map(significant, ratios)
+    ratios = [m.value for m in record.metrics if m.metric == BOUND and m.value is not None]
+    if ratios:
+        low, high = significant(min(ratios)), significant(max(ratios))
         ends = low if low == high else f"{low} to {high}"
         yield f"RMSE {ends} times the bound"
     else:
@@ -243,6 +242,9 @@ def print_run(
     spec = board_spec(record.protocol.label)
     _print_heading(console, record)
     if axes:
+        from tactibench.board import Row
+        from tactibench.report.board_tables import family_table
+
         console.print()
         print_table(console, family_table(Row((record,)), axes))
         console.print()
@@ -305,7 +307,7 @@ def _print_heading(console: Console, record: Record) -> None:
         )
     if mixed := training.notes.get("mixed"):
         console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
-    if (prior := prior_of(record)) not in ("none", NOT_STATED):
+    if (prior := training.prior) not in ("none", None):
         console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
     _print_warning(console, record)
 

@@ -17,8 +17,8 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text as Line
 
-from tactibench.errors import printable
-from tactibench.metrics import all_metrics, find_metric
+from tactibench.errors import UserError, printable
+from tactibench.metrics import find_metric
 
 if TYPE_CHECKING:
     from tactibench.board import PooledMetric
@@ -406,7 +406,10 @@ UNITS = {"share": "%", "per frame": ""}
 
 def is_share(metric: str) -> bool:
     """Return whether a metric lies in 0..1 and is shown in per cent."""
-    return metric in all_metrics() and find_metric(metric).unit == "share"
+    try:
+        return find_metric(metric).unit == "share"
+    except UserError:  # a column of a published table
+        return False
 
 
 def named(metric: str, unit: str) -> str:

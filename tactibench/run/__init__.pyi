@@ -8,7 +8,6 @@ from .evaluation import FAILURE_COLUMNS as FAILURE_COLUMNS
 from .evaluation import Evaluation as Evaluation
 from .evaluation import Failure as Failure
 from .evaluation import TestFrames as TestFrames
-from .evaluation import check_labelled as check_labelled
 from .evaluation import count_groups as count_groups
 from .evaluation import example_arrays as example_arrays
 from .evaluation import failure_arrays as failure_arrays
@@ -76,6 +75,7 @@ from .timing import counters as counters
 from .timing import declared_stages as declared_stages
 from .timing import limited_threads as limited_threads
 from .timing import parse_stat as parse_stat
+from .timing import settled_time as settled_time
 from .timing import time_calls as time_calls
 from .timing import time_model as time_model
 from .timing import time_models as time_models

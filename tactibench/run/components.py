@@ -31,9 +31,9 @@ from tactibench.run.request import (
 
 Sensor = BoundSpec[SensorSpec]
 
-QUICK_EPOCHS = 2
-"""The second epoch shows that training goes on after the first validation; --quick proves nothing
-else."""
+QUICK = {"epochs": "2", "mixing": "0"}
+"""Parameters of a model in a quick run, where it has them. The second epoch shows that training
+goes on after the first validation; --quick proves nothing else."""
 INSTANCES = "instances"
 """Parameter of a sensor that spreads the training presses over several instances of it."""
 
@@ -120,8 +120,10 @@ def resolve_components(request: RunRequest, protocol: Protocol, host: PluginHost
         encoder_spec = host.encoders[name]
     regime = request.regime or next(iter(protocol.regimes))
     _refuse(_misfits(request, protocol, host, model, sensor_spec, encoder_spec, regime))
-    if request.quick and any(p.name == "epochs" for p in model.parameters):
-        given.setdefault("model", {}).setdefault("epochs", str(QUICK_EPOCHS))
+    if request.quick:
+        known = {parameter.name for parameter in model.parameters}
+        short = {name: value for name, value in QUICK.items() if name in known}
+        given["model"] = {**short, **given.get("model", {})}
     encoder = None
     if encoder_spec is not None:
         encoder = BoundSpec.named(host.encoders, encoder_spec.name, given.get("encoder", {}))

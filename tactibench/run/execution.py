@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Contacts
-from tactibench.frames import Presses, simulator_error, true_bounds, true_limits, true_surfaces
+from tactibench.frames import Presses
 from tactibench.plugins import SensorContext
 from tactibench.records import (
     SCHEMA,
@@ -99,7 +99,7 @@ def _answer(
     evaluation = _evaluation(plan)(plan, model, test, reporter)
     predictions = resumed_predictions(draft, weights.hash, evaluation.predict)
     truth, maps = evaluation.truth(), predictions.map_arrays
-    if plan.frames.source.simulates:
+    if plan.frames.source.simulates and not plan.request.quick:
         _add_simulated_truth(plan, test, truth, maps, reporter)
     if plan.published:
         from tactibench.run.published_predictions import published_arrays
@@ -134,6 +134,8 @@ def _add_simulated_truth(
     These are the true surfaces and the encoder's floor for heatmaps, Cramer-Rao bounds, and
     two-point limits for a threshold.
     """
+    from tactibench.frames import true_bounds, true_limits, true_surfaces
+
     names, grid, sets = plan.spec.metrics.names, plan.spec.grid.grid(), test.sets[: test.main]
     context = SensorContext(np.random.SeedSequence(plan.spec.data_seed))
     with plan.components.tested.build(context) as sensor:
@@ -268,10 +270,15 @@ def _make_record(
 
 
 def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
-    """Return the simulator's own errors by test set; {} for real and finite-element frames."""
+    """Return the simulator's own errors by test set.
+
+    A quick run states none, and there are none of real and finite-element frames.
+    """
     tested = plan.components.tested.spec
-    if tested.origin != "simulated" or tested.reference_of:
+    if tested.origin != "simulated" or tested.reference_of or plan.request.quick:
         return {}
+    from tactibench.frames import simulator_error
+
     errors = [simulator_error(frames) for frames in plan.frames.test]
     return {"simulator": [error for error in errors if error is not None]}
 

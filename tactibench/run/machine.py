@@ -13,6 +13,7 @@ import math
 import os
 import platform
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,9 @@ def cuda_possible(nodes: tuple[str, ...] = _DRIVER_NODES, system: str = sys.plat
     return system != "linux" or any(Path(node).exists() for node in nodes)
 
 
+@cache
 def machine() -> dict[str, Any]:
-    """Return the fingerprint of this machine, whether or not torch has been imported."""
+    """Return the fingerprint of this machine, looked at once; torch need not be imported."""
     return fingerprint(with_torch=cuda_possible())
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.frames import FrameSet, true_answers
-from tactibench.plugins import PRIORS, FitReport, Model, ModelSpec, Progress
+from tactibench.plugins import FitReport, Model, ModelSpec, Progress
 from tactibench.protocols import Protocol
 from tactibench.records import (
     MANIFEST,
@@ -196,18 +196,12 @@ def _report_as_json(report: object, model: str) -> dict[str, Any]:
     """Return the report of a training as JSON values, with numpy's numbers as Python's.
 
     Raises:
-        UserError: It is no FitReport, has an unknown prior, or holds a value that JSON cannot
-            store.
+        UserError: It is no FitReport, or holds a value that JSON cannot store.
     """
     if not isinstance(report, FitReport):
         raise UserError(
             f"fit of model {model!r} gave {type(report).__name__} where a FitReport is asked; end "
             "it with `return FitReport(...)`."
-        )
-    if report.prior is not None and report.prior not in PRIORS:
-        raise UserError(
-            f"fit of model {model!r} gave a FitReport with prior {report.prior!r}; allowed: "
-            f"{', '.join(PRIORS)}."
         )
     try:
         text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())

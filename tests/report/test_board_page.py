@@ -19,7 +19,6 @@ from tactibench.board import (
     TESTED,
     compact,
     gather_records,
-    measured_on,
     sections_of,
     select_section,
     text_of,
@@ -27,6 +26,7 @@ from tactibench.board import (
 )
 from tactibench.metrics import all_metrics
 from tactibench.protocols import board_spec, load_protocol, load_published, protocol_files
+from tactibench.records import measured_on
 from tactibench.report import board_csv, board_page, board_rows, page_files
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -41,12 +41,6 @@ def test_the_record_says_so_and_is_whole(run, tiny):
     assert record.training.device == "cpu"
 
 
-def test_a_whole_run_has_no_presses_in_its_limits(run):
-    record = run().record
-    assert record.limits.presses is None
-    assert "presses" not in record.signature
-
-
 @pytest.mark.parametrize("count", [30, 31])
 def test_as_many_as_there_are_or_more_are_refused(planned, count):
     with pytest.raises(UserError, match="must be less than the 30 presses"):

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
+from tactibench import UserError
 from tactibench.board import command_options, rows_of
 from tactibench.records import StoredRun
-from tactibench.run import RunPlan, TestOptions, check_labelled, read_test_options
+from tactibench.run import RunPlan, TestOptions, read_test_options
 
 Planned = Callable[..., RunPlan]
 Run = Callable[..., StoredRun]
@@ -57,13 +57,6 @@ def test_single_presses_of_the_tested_sensor_that_test_nothing(
     others = {scene for frames in plan.frames for scene in frames.scenes}
     assert not others & set(shots.scenes)
     assert shots.recipe.identity["parameters"] == {"offset": 9.0}  # type: ignore[attr-defined]
-
-
-def test_few_presses_are_the_first_of_many(planned: Planned, adapting: list[int]) -> None:
-    few, many = (planned(test=shifted(n)).frames.few_shot for n in (5, 12))
-    assert few is not None
-    assert many is not None
-    assert few.scenes == many.scenes[:5]
 
 
 @pytest.mark.long
@@ -147,36 +140,3 @@ def test_a_model_that_says_so_when_it_is_asked(
     monkeypatch.setattr(tiny.TinyModel, "adapt", lambda *_: None)
     with pytest.raises(UserError, match="cannot adapt to labelled presses"):
         run(test=shifted(5))
-
-
-REST = np.full((4, 4), 7, np.uint8)
-
-
-def labelled(
-    rest: np.ndarray | None = REST, xy: tuple[float, float] = (1.0, -2.0), depth: float = 2.0
-) -> tuple[list[Frame], list[Any]]:
-    frame = Frame(REST, 0.0, Pose(), rest)
-    return [frame, frame], [Contacts(np.array([xy]), np.array([depth]), np.ones(1))] * 2
-
-
-@pytest.mark.parametrize(
-    ("presses", "said"),
-    [
-        (([], []), "0 labelled frames"),
-        ((labelled()[0], labelled()[1][:1]), "2 labelled frames and 1 labels"),
-        (labelled(rest=REST + 1), "of another sensor"),
-        (labelled(rest=None), "of another sensor"),
-        (labelled(depth=2000.0), "depth 2000, but presses are up to 6 mm"),
-        (labelled(depth=0.002), "labels are in mm, not in m"),
-        (labelled(xy=(1000.0, 0.0)), "outside of the sensor"),
-        ((labelled()[0], [PlatePose(2.0, 400.0)] * 2), "tilt 400"),
-    ],
-)
-def test_labelled_presses_that_would_teach_something_wrong(
-    presses: tuple[list[Frame], list[Any]], said: str
-) -> None:
-    tested = Frame(REST, 0.0, Pose(), REST.copy())
-    context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0)
-    check_labelled(*labelled(), tested, context)
-    with pytest.raises(UserError, match=said):
-        check_labelled(*presses, tested, context)

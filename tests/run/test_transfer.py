@@ -17,7 +17,6 @@ from drawn_pins import SIZE, draw, hexagon
 from tactibench import UserError
 from tactibench.board import (
     Source,
-    measured_on,
     section_key,
     submissions,
     trained_on,
@@ -25,7 +24,7 @@ from tactibench.board import (
 )
 from tactibench.plugins import PluginHost
 from tactibench.protocols import protocol_files
-from tactibench.records import StoredRun, unpack_plates
+from tactibench.records import StoredRun, measured_on, unpack_plates
 from tactibench.run import (
     NullReporter,
     RunPlan,
