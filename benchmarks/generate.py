@@ -75,8 +75,8 @@ def consumed(frames: Iterable[object]) -> int:
 def stages(
     kind: type[SimulatedTacTip], size: int, several: list[Scene], threads: int
 ) -> dict[str, Callable[[], object]]:
-    sensor = kind(SensorContext(SEED), size=size, threads=1)
-    wide = kind(SensorContext(SEED), size=size, threads=threads)
+    sensor, wide = (kind(SensorContext(SEED), size=size) for _ in range(2))
+    sensor.threads, wide.threads = 1, threads
     batches = [several[k : k + BATCH] for k in range(0, len(several), BATCH)]
     points = [sensor.points(batch) for batch in batches]
     states = [streams(SEED, k * BATCH, len(batch)) for k, batch in enumerate(batches)]

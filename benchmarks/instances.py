@@ -67,7 +67,9 @@ def main() -> None:
 
 def made(kind: type[SimulatedTacTip], **parameters: Any) -> SimulatedTacTip:
     """Return a new sensor that computes on one thread."""
-    return kind(SensorContext(np.random.SeedSequence(0)), threads=1, **parameters)
+    sensor = kind(SensorContext(np.random.SeedSequence(0)), **parameters)
+    sensor.threads = 1
+    return sensor
 
 
 def press(count: int) -> None:

@@ -41,7 +41,7 @@ from tactibench_sim import (
     Rig,
     Unknowns,
     calibration_of,
-    displacements,
+    changes,
     indentation,
     plate_of,
 )
@@ -144,7 +144,7 @@ def errors(presses: Presses, rig: Rig, x: Unknowns) -> tuple[Array, Array, Array
     """Return (N,) relative errors from the labels, with the drag state known, and gains."""
     real, relative, sims = presses.moved, [], []
     for dragged in (1.0, 0.0):
-        sim = displacements(rig, x, presses.labels, np.full(len(real), dragged))
+        sim = changes(rig, x, presses.labels, np.full(len(real), dragged))[..., :2]
         off = np.nansum((sim - real) ** 2, axis=(1, 2)) / np.nansum(real**2, axis=(1, 2))
         relative.append(np.sqrt(off))
         sims.append(np.where(np.isfinite(real), sim, 0.0))
@@ -170,7 +170,7 @@ def fit(presses: Presses, rig: Rig, begin: Unknowns) -> tuple[Unknowns, float]:
     def residuals(vector: Array) -> Array:
         x, both = unknowns(vector), []
         for dragged in (1.0, 0.0):
-            sim = displacements(fewer, x, presses.labels, np.full(len(real), dragged))
+            sim = changes(fewer, x, presses.labels, np.full(len(real), dragged))[..., :2]
             both.append(np.nan_to_num((sim - real) * weight).reshape(len(real), -1))
         worse = (both[0] ** 2).sum(axis=1) > (both[1] ** 2).sum(axis=1)
         best = np.where(worse[:, None], both[1], both[0])

@@ -42,7 +42,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_mixture": (212, 3),
     "plugins/tactibench_pins": (796, 5),
     "plugins/tactibench_recorded": (266, 3),
-    "plugins/tactibench_sim": (3608, 22),
+    "plugins/tactibench_sim": (3587, 22),
     "plugins/tactibench_superpose": (799, 5),
     "plugins/tactibench_tactip": (3872, 22),
     "plugins/tactibench_unet": (440, 3),

@@ -66,8 +66,8 @@ from .plates import LabelFit as LabelFit
 from .plates import Labels as Labels
 from .plates import Rig as Rig
 from .plates import Unknowns as Unknowns
+from .plates import changes as changes
 from .plates import directions as directions
-from .plates import displacements as displacements
 from .plates import drag_mm as drag_mm
 from .plates import indentation as indentation
 from .plates import plate_of as plate_of

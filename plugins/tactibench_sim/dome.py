@@ -192,18 +192,15 @@ class TableMechanics:
         )
         return fields[:, 0], fields[:, 1]
 
-    def outer_displacement(self, loads: tuple[Loads, ...], directions: Array) -> Array:
-        """Return the (S, P, 3) displacement of the outer skin, mm."""
-        at = plain(directions)
-        return _joined(loads, lambda part: _displace(part, part.splines.outer, at)[0])
-
     def pin_tips(self, loads: tuple[Loads, ...], directions: Array, length: float) -> Array:
         """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
         return tips_of_pins(self.inner, directions, self.displacement(loads, directions), length)
 
     def skin(self, loads: tuple[Loads, ...], directions: Array) -> Array:
         """Return the (S, P) inward displacement of the outer skin, mm."""
-        inward: Array = -(self.outer_displacement(loads, directions) * directions).sum(axis=-1)
+        at = plain(directions)
+        outer = _joined(loads, lambda part: _displace(part, part.splines.outer, at)[0])
+        inward: Array = -(outer * directions).sum(axis=-1)
         return inward
 
 

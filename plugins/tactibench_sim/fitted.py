@@ -190,7 +190,6 @@ class FittedSensor(SimulatedSensor):
         spread: float = 0.0,
         individuals: int = 16,
         calibration: str = "",
-        threads: int | None = None,
         **optical: Any,
     ) -> None:
         """Read the calibration and draw the sensor instances.
@@ -204,7 +203,6 @@ class FittedSensor(SimulatedSensor):
             individuals: Number of sensor instances, where spread is not 0.
             calibration: Path of a file of benchmarks/sim_against_real.py; "": the fit to the
                 public recording with as many pins.
-            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **optical: Parameters of ``optics_from``: format of the frames, and glare.
 
         Raises:
@@ -231,7 +229,7 @@ class FittedSensor(SimulatedSensor):
         tips = (INNER_MM - self._length) * self._pins
         alike = Renderer(optics, lift).project(tips[None])[2][0]
         renderer = Renderer(optics, lift, rest_frame.radii(self.pins, size) / alike)
-        super().__init__(context, renderer, tips, threads)
+        super().__init__(context, renderer, tips)
         self._discs = np.stack([axis[0] for axis in renderer.project(tips[None])])
         self._unknowns = self._instances(nominal)
 

@@ -89,23 +89,20 @@ class TipDrag:
 
 
 @cache
-def drag_of(radius: float) -> TipDrag:
-    """Return the shipped tables of one tip."""
-    return tip_drag(radius, shipped_file("drag.npz"))
-
-
-def tip_drag(radius: float, file: TableFile) -> TipDrag:
+def tip_drag(radius: float) -> TipDrag:
     """Return the tables of a tip.
+
+    drag.npz holds (K,) ``radii``, mm, the last one of a plate; (K,) greatest depths ``deepest``,
+    mm; ``field`` (K, D, 2, 3, T), W, A, V of the inner and the outer skin at SHARES of the depth;
+    ``compliance`` (K, D), ways of the skin under the tip, mm.
 
     Args:
         radius: Radius, mm; inf for a plate.
-        file: (K,) ``radii``, mm, the last one of a plate; (K,) greatest depths ``deepest``, mm;
-            ``field`` (K, D, 2, 3, T), W, A, V of the inner and the outer skin at SHARES of the
-            depth; ``compliance`` (K, D), ways of the skin under the tip, mm.
 
     Raises:
         UserError: The radius lies outside of those of the file.
     """
+    file = shipped_file("drag.npz")
     radii, ends = file.arrays["radii"], file.arrays["deepest"]
     fields, compliances = file.arrays["field"], file.arrays["compliance"]
     if radius in radii:
@@ -395,7 +392,7 @@ class FrictionMechanics:
         assert tips.move is not None  # noqa: S101 - the caller has looked
         pulls, followed, raised = [], np.zeros_like(n), np.zeros_like(delta)
         for radius, rows in rows_of.items():
-            table = drag_of(radius)
+            table = tip_drag(radius)
             at, depth = n[rows], delta[rows]
             if (depth > table.deepest + SLACK).any():
                 raise UserError(

@@ -8,6 +8,11 @@ from tactibench import Parameter, SensorSpec, hookimpl
 from tactibench_sim.camera import FITTED, PLANAR_GRID, TACTIP_127, TACTIP_331, parameters_of
 
 TIER = Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose"))
+TABLE = Parameter(
+    "table",
+    "",
+    "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
+)
 INSTANCE = Parameter(
     "instance",
     0,
@@ -17,11 +22,7 @@ INSTANCE = Parameter(
 )
 DOME = (
     TIER,
-    Parameter(
-        "table",
-        "",
-        "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
-    ),
+    TABLE,
     INSTANCE,
     Parameter(
         "instances",
@@ -41,11 +42,7 @@ DOME = (
 )
 PLANAR = (
     TIER,
-    Parameter(
-        "table",
-        "",
-        "file of scripts/fem/tabulate_presses.py; empty: the table that ships",
-    ),
+    TABLE,
     replace(INSTANCE, help="0: nominal; N: another sensor instance (pins, camera)"),
 )
 FITTED_PARAMETERS = (

@@ -106,17 +106,13 @@ def _rings() -> tuple[Array, Array]:
     return np.array(radius), np.array(azimuth)
 
 
-def _hexagon(rings: int = 6) -> tuple[Array, Array]:
-    """Return radii, frame sides, and azimuths, rad, of a hexagonal array of pins.
+def _hexagon() -> tuple[Array, Array]:
+    """Return radii, frame sides, and azimuths, rad, of six hexagons of pins around a pin.
 
     Two corners of the hexagon are on the y axis.
     """
-    cells = [
-        (q, r)
-        for q in range(-rings, rings + 1)
-        for r in range(-rings, rings + 1)
-        if abs(q + r) <= rings
-    ]
+    steps = range(-6, 7)
+    cells = [(q, r) for q in steps for r in steps if abs(q + r) <= 6]
     cells.sort(key=lambda cell: max(abs(cell[0]), abs(cell[1]), abs(cell[0] + cell[1])))
     q, r = np.array(cells, dtype=np.float64).T
     x, y = np.sqrt(3) / 2 * r, q + r / 2

@@ -213,7 +213,6 @@ class PlanarGrid(SimulatedSensor):
         tier: str = "coupled",
         table: str = "",
         instance: int = 0,
-        threads: int | None = None,
         **optical: Any,
     ) -> None:
         """Build the pad, its markers and its camera.
@@ -223,7 +222,6 @@ class PlanarGrid(SimulatedSensor):
             tier: How contacts share the load.
             table: Path of a file of single-tip fields; "": the one that ships.
             instance: Number of the sensor instance; 0: the nominal one.
-            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **optical: Parameters of ``optics_from``; the others are the preset's.
         """
         file = read_file(Path(table)) if table else shipped_file("pad.npz")
@@ -237,7 +235,7 @@ class PlanarGrid(SimulatedSensor):
         self.markers = square_grid(MARKERS, PITCH_MM)[~self.lost]
         renderer = Renderer(self.optics, self.optics.camera_distance_mm)
         height = np.full(len(self.markers), -self._pad["marker_depth"])
-        super().__init__(context, renderer, np.column_stack([self.markers, height]), threads)
+        super().__init__(context, renderer, np.column_stack([self.markers, height]))
 
     def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
         """Return the tips of scenes on the pad (``pad_tips``)."""

@@ -241,19 +241,14 @@ class Rig:
     side: int
 
 
-def travel(x: Unknowns, labels: Labels) -> Array:
-    """Return the (S,) way of the plate from first touch, mm; below 0: no touch."""
-    t = np.radians(labels.tilt)
-    lifted = x.pivot_mm * (1 - np.cos(t)) + x.pivot_side_mm * np.sin(t)
-    return np.asarray(labels.depth + x.depth_offset_mm + lifted, dtype=np.float64)
-
-
 def indentation(x: Unknowns, labels: Labels) -> Array:
     """Return the (S,) depth of the plate in the undeformed dome, mm; below 0: no touch.
 
     What holds the dome gives way under the force, which grows a little faster than the depth.
     """
-    way = travel(x, labels)
+    t = np.radians(labels.tilt)
+    lifted = x.pivot_mm * (1 - np.cos(t)) + x.pivot_side_mm * np.sin(t)
+    way = labels.depth + x.depth_offset_mm + lifted
     return np.asarray(way - x.give_per_mm * way.clip(0.0) ** 2, dtype=np.float64)
 
 
@@ -290,10 +285,11 @@ def directions(rig: Rig, x: Unknowns) -> Array:
     return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(angle)], axis=1)
 
 
-def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
-    """Return the (S, P, 2) displacements of the pins in the frame, px.
+def changes(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
+    """Return (S, P, 3): displacements of the pins in the frame, px, and the factor on their size.
 
-    Presses deeper than the tables get the greatest tabulated depth.
+    A pressed pin is nearer to the camera, which magnifies it more. Presses deeper than the tables
+    get the greatest tabulated depth.
 
     Args:
         rig: The parts that are not fitted.
@@ -303,15 +299,6 @@ def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Arra
 
     Raises:
         UserError: The unknowns fit no camera (``Optics``).
-    """
-    return changes(rig, x, labels, dragged)[..., :2]
-
-
-def changes(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
-    """Return (S, P, 3): ``displacements``, and the factor by which the pins are seen larger.
-
-    A pressed pin is nearer to the camera, which magnifies it more. Args and errors are those of
-    ``displacements``.
     """
     depth = indentation(x, labels).clip(0.0, rig.plate.deepest)
     yaw, tilt = math.radians(x.yaw_deg), np.radians(labels.tilt + x.tilt_offset_deg)

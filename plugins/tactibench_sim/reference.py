@@ -120,7 +120,6 @@ class ReferenceTacTip(SimulatedSensor):
         *,
         instance: int = 0,
         table: str = "",
-        threads: int | None = None,
         **parameters: Any,
     ) -> None:
         """Build the nominal sensor.
@@ -129,7 +128,6 @@ class ReferenceTacTip(SimulatedSensor):
             context: The seed of the noise.
             instance: Must be 0: the scenes are of the nominal dome.
             table: Must be "", likewise.
-            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **parameters: Length of the pins and parameters of the camera.
 
         Raises:
@@ -146,7 +144,7 @@ class ReferenceTacTip(SimulatedSensor):
         self._scenes = {scene.label: scene_of(scene) for scene in references}
         self._fields = dict(zip(self._scenes.values(), references, strict=True))
         resting = (self._sensor.mechanics.inner - self._sensor.pin_length) * self._sensor.directions
-        super().__init__(context, self._sensor.renderer, resting, threads)
+        super().__init__(context, self._sensor.renderer, resting)
 
     def scenes(self) -> dict[str, Scene]:
         """Return the scenes that ship by their labels, such as "p7_eq at 2 mm"."""

@@ -36,23 +36,23 @@ class SimulatedSensor(Sensor):
 
     Where the contacts are tips and the places of the markers are smooth in where and how deep they
     are, the sensor knows how well its frames tell contacts; other sensors have no ``nuisances``.
+
+    Attributes:
+        threads: Number of threads of ``press_many``.
     """
 
     nuisances: tuple[str, ...] = NUISANCES
 
-    def __init__(
-        self, context: SensorContext, renderer: Renderer, resting: Array, threads: int | None = None
-    ) -> None:
+    def __init__(self, context: SensorContext, renderer: Renderer, resting: Array) -> None:
         """Render the rest frame.
 
         Args:
             context: The seed of the noise.
             renderer: The camera.
             resting: (P, 3) places of the untouched markers, mm.
-            threads: Number of threads of ``press_many``; None: ``thread_count()``.
         """
         self.renderer = renderer
-        self.threads = threads or thread_count()
+        self.threads = thread_count()
         self._seed = context.seed
         self._rest: Images = renderer.frames(resting[None])[0]
         self._rest.setflags(write=False)

@@ -173,16 +173,15 @@ def deepest_of(radius: float) -> float:
     return min(DEEPEST_MM, DEEPEST_RADII * radius)
 
 
-def tip_tables(radius: float, *, pairs: bool = True, file: TableFile | None = None) -> Tables:
+def tip_tables(radius: float) -> Tables:
     """Return the tables of one tip on the nominal dome.
+
+    tips.npz holds (K,) ``radii`` and (L,) ``pair_radii``, mm; (K, D, T) fields and (K, D) forces;
+    modes as in ``Corrections``, shared by all radii; ``around_amounts`` (K, B + 2, SHARES + 3, R)
+    and ``pair_amounts`` (L, A + 2, SHARES + 3, SHARES + 3, R).
 
     Args:
         radius: Radius of the tip, mm.
-        pairs: Whether to include the corrections for pairs.
-        file: A file as tips.npz; None: the one that ships. It holds (K,) ``radii`` and (L,)
-            ``pair_radii``, mm; (K, D, T) fields and (K, D) forces; modes as in ``Corrections``,
-            shared by all radii; ``around_amounts`` (K, B + 2, SHARES + 3, R) and ``pair_amounts``
-            (L, A + 2, SHARES + 3, SHARES + 3, R).
 
     Raises:
         UserError: The radius is not between SMALLEST_MM and LARGEST_MM.
@@ -192,7 +191,7 @@ def tip_tables(radius: float, *, pairs: bool = True, file: TableFile | None = No
             f"the tip's radius is {radius:g} mm; the simulator has tables for {SMALLEST_MM:g} to "
             f"{LARGEST_MM:g} mm: take such a tip."
         )
-    file = file or shipped_file("tips.npz")
+    file = shipped_file("tips.npz")
     arrays, end = file.arrays, deepest_of(radius)
     delta = np.linspace(0.0, end, math.ceil(end / float(arrays["delta"][1]) - 1e-9) + 1)
     fields = {}
@@ -202,9 +201,7 @@ def tip_tables(radius: float, *, pairs: bool = True, file: TableFile | None = No
         fields[name] = CubicSpline(arrays["delta"], field, axis=0)(delta)
     patches = {name: modes for name, modes in arrays.items() if name.endswith("_modes")}
     patches["around_amounts"] = between(arrays["radii"], arrays["around_amounts"], radius)[None]
-    if pairs:
-        amounts = between(arrays["pair_radii"], arrays["pair_amounts"], radius)
-        patches["pair_amounts"] = amounts
+    patches["pair_amounts"] = between(arrays["pair_radii"], arrays["pair_amounts"], radius)
     grid = {
         **file.parameters["corrections"],
         "around_radii": [radius],

@@ -48,7 +48,6 @@ class SimulatedTacTip(SimulatedSensor):
         instances: int = 0,
         pin_length: float = PIN_LENGTH_MM,
         friction: float = 0.0,
-        threads: int | None = None,
         **optical: Any,
     ) -> None:
         """Build the dome, its pins and its camera.
@@ -63,7 +62,6 @@ class SimulatedTacTip(SimulatedSensor):
                 that of the nominal sensor.
             pin_length: Length of the pins, mm.
             friction: Coulomb's coefficient between tips and skin; 0: moves drag nothing.
-            threads: Number of threads of ``press_many``; None: ``thread_count()``.
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
@@ -105,13 +103,13 @@ class SimulatedTacTip(SimulatedSensor):
         still = np.zeros(self.directions.shape)
         resting = tips_of_pins(mechanics.inner, self.directions, (still, still), self.pin_length)
         lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
-        super().__init__(context, Renderer(self.optics, lift), resting, threads)
+        super().__init__(context, Renderer(self.optics, lift), resting)
         self.instances: TrainingInstances | None = None
         if instances > 1:
             from tactibench_sim.instances import TrainingInstances
 
             parameters = {"tier": tier, "pin_length": pin_length, "friction": friction, **optical}
-            make = partial(type(self), context, threads=1, **parameters)
+            make = partial(type(self), context, **parameters)
             self.instances = TrainingInstances(make, context.seed, instances)
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:

@@ -14,5 +14,5 @@ def single_presses(count, seed, reach=4.0, depths=(1.0, 3.0), **parameters):
         Scene(Indenter.single(), Pose(*rng.uniform(-reach, reach, 2), depth=rng.uniform(*depths)))
         for _ in range(count)
     ]
-    sensor = TacTip127(SensorContext(np.random.SeedSequence(seed)), threads=1, **parameters)
+    sensor = TacTip127(SensorContext(np.random.SeedSequence(seed)), **parameters)
     return list(sensor.press_many(scenes)), [true_contacts(scene) for scene in scenes]

@@ -17,7 +17,6 @@ from tactibench_sim import (
     Tips,
     layout,
     shipped_dome,
-    shipped_file,
     tip_drag,
     tips_of,
 )
@@ -76,7 +75,7 @@ class TestNothingIsDragged:
 class TestLaw:
     def test_a_short_move_is_followed_and_a_long_one_slips_at_coulombs_limit(self) -> None:
         normal = float(FRICTIONLESS.forces(FRICTIONLESS.loads(tips_of([single()])))[0, 0])
-        compliance = float(tip_drag(3.0, shipped_file("drag.npz")).compliance_at(np.array(2.0)))
+        compliance = float(tip_drag(3.0).compliance_at(np.array(2.0)))
         short = sideways_force(0.8, moved(single(), dx=0.01))[0]
         assert short[0] == pytest.approx(0.01 / compliance, rel=0.02)
         long = sideways_force(0.8, moved(single(), dx=5.0))[0]
@@ -85,7 +84,7 @@ class TestLaw:
 
     def test_half_way_to_the_slip_the_force_is_mindlins(self) -> None:
         normal = float(FRICTIONLESS.forces(FRICTIONLESS.loads(tips_of([single()])))[0, 0])
-        compliance = float(tip_drag(3.0, shipped_file("drag.npz")).compliance_at(np.array(2.0)))
+        compliance = float(tip_drag(3.0).compliance_at(np.array(2.0)))
         way = 0.5 * 1.5 * 0.4 * normal * compliance
         force = sideways_force(0.4, moved(single(), dx=way))[0, 0]
         assert force == pytest.approx(0.4 * normal * (1 - 0.5**1.5), rel=1e-9)
@@ -164,4 +163,4 @@ class TestBadInput:
     @pytest.mark.parametrize("radius", [0.9, 8.1, 10.0])
     def test_a_radius_beyond_the_tables_of_drag_is_refused(self, radius: float) -> None:
         with pytest.raises(UserError, match=r"drag for 1 to 8 mm.*sensor\.friction"):
-            tip_drag(radius, shipped_file("drag.npz"))
+            tip_drag(radius)

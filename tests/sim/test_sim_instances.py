@@ -113,7 +113,7 @@ def test_pins_stand_on_the_instances_own_skin(tier):
 
 
 def sensor(seed=3, kind=TacTip127, **parameters):
-    parameters = {"size": 64, "threads": 1} | parameters
+    parameters = {"size": 64} | parameters
     return kind(SensorContext(np.random.SeedSequence(seed, spawn_key=(1, 2))), **parameters)
 
 

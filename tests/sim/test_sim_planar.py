@@ -180,7 +180,6 @@ GRID = Grid.centred(64, 0.4)
 
 
 def sensor(seed=7, **parameters):
-    parameters.setdefault("threads", 1)
     return PlanarGrid(SensorContext(np.random.SeedSequence(seed)), **parameters)
 
 

@@ -13,8 +13,8 @@ from tactibench_sim import (
     Labels,
     Rig,
     Unknowns,
+    changes,
     directions,
-    displacements,
     drag_mm,
     indentation,
     plate_of,
@@ -66,7 +66,7 @@ def test_one_pin_agrees_with_splines_and_a_lever(what) -> None:
     def seen(tip):
         return np.array(project(x.optics(360), tip, 20.0 + 22.0 - 20.0)[:2])
 
-    moved = displacements(what, x, press, np.ones(1))[0]
+    moved = changes(what, x, press, np.ones(1))[..., :2][0]
     for pin, found in zip(directions(what, x), moved, strict=True):
         angle = math.acos(pin @ normal)
         if angle > math.radians(85):  # the tables end at the clamped rim
@@ -83,9 +83,9 @@ def test_presses_are_mirrored_and_turned_with_the_labels(what) -> None:
     two = Labels(one.depth, -one.tilt, -one.move, -one.turn)
     x = replace(STRAIGHT, drag_per_deg=0.02, drag_per_tilt=0.1)
     flipped = replace(what, rest=what.rest * [1, -1] + [0, 359.0])
-    mirrored = displacements(flipped, x, two, np.ones(12)) * [1, -1]
-    turned = displacements(what, replace(x, yaw_deg=-90.0), two, np.ones(12))
-    expected = displacements(what, x, one, np.ones(12))
+    mirrored = changes(flipped, x, two, np.ones(12))[..., :2] * [1, -1]
+    turned = changes(what, replace(x, yaw_deg=-90.0), two, np.ones(12))[..., :2]
+    expected = changes(what, x, one, np.ones(12))[..., :2]
     assert np.allclose(mirrored, expected, atol=1e-9)
     assert np.allclose(turned, expected, atol=1e-9)
 
@@ -99,7 +99,7 @@ def test_a_plate_slips_beyond_its_limit(what) -> None:
     told = labels([[-2.0, 0.0, move, 0.0] for move in moves])
     pull = drag_mm(x, told, np.full(len(moves), depth), np.ones(len(moves)))
     assert pull == pytest.approx(np.clip(-0.6 * moves, -limit, limit))
-    field = displacements(what, x, told, np.ones(len(moves)))
+    field = changes(what, x, told, np.ones(len(moves)))[..., :2]
     assert np.array_equal(field[0], field[2])
     assert np.array_equal(field[-1], field[-3])
     assert abs(field[3] - field[4]).max() > 1.0

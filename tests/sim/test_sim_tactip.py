@@ -12,7 +12,7 @@ GRID = Grid.centred(64, 0.4)
 
 
 def sensor(seed=7, **parameters):
-    return TacTip127(SensorContext(np.random.SeedSequence(seed)), **{"threads": 1} | parameters)
+    return TacTip127(SensorContext(np.random.SeedSequence(seed)), **parameters)
 
 
 def single(x=0.0, y=0.0, depth=0.0, **move):
