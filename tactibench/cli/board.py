@@ -23,7 +23,6 @@ from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.records import StoredRun
-    from tactibench.report import PageFile
 
 
 @click.group()
@@ -258,8 +257,7 @@ def export(board_folder: Path, json_file: Path | None, csv_file: Path | None) ->
     In Python, `api.load_board(PROTOCOL)` returns them as a pandas frame, which writes LaTeX, too.
     """
     from tactibench.board import check_folder
-    from tactibench.records import atomic
-    from tactibench.report import board_csv, board_rows
+    from tactibench.report import board_rows
 
     if json_file is csv_file is None:
         raise UserError("nothing to write; name a file with --json or --csv.")
@@ -267,8 +265,9 @@ def export(board_folder: Path, json_file: Path | None, csv_file: Path | None) ->
     rows = board_rows(board_folder)
     save_json(json_file, rows)
     if csv_file is not None:
-        with atomic(csv_file) as stream:
-            stream.write(board_csv(rows).encode())
+        import pandas as pd
+
+        pd.DataFrame(rows).to_csv(csv_file, index=False)
 
 
 @board.command(short_help="publish the hash of the secret seed of test presses, or the seed")
@@ -323,15 +322,10 @@ def _write_pages(board_folder: Path) -> None:
     if not pages:
         echo(f"{board_folder} holds no run; `tactibench board add RUN` adds one")
     for page in pages:
-        echo(_page_line(page))
+        state = "unchanged" if page.current else "written"
+        echo(f"{page.path}: {page.records} runs; {state}")
         if not page.current:
             page.write()
-
-
-def _page_line(page: PageFile) -> str:
-    curve = f", {page.on_curve} of them for the learning curve" if page.on_curve else ""
-    state = "unchanged" if page.current else "written"
-    return f"{page.path}: {page.records} runs{curve}; {state}"
 
 
 def _echo_replaced(paths: tuple[Path, ...]) -> None:

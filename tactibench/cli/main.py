@@ -122,6 +122,7 @@ def main(ctx: click.Context, debug: bool, quiet: bool) -> None:  # noqa: ARG001 
 def run() -> None:
     """Entry point of the console script."""
     faulthandler.enable()  # a crash in compiled code shows the line of Python that led to it
+    os.environ.pop("MPLBACKEND", None)  # that of a notebook may not be installed here
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else the job ignores it
         signal.signal(signal.SIGINT, _interrupted)
     for stream in (sys.stdout, sys.stderr):

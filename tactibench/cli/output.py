@@ -13,7 +13,7 @@ from rich.segment import Segment
 from tactibench.errors import printable
 from tactibench.plugins import Progress
 from tactibench.protocols import Axis
-from tactibench.records import RECORD, StoredRun, stored_runs
+from tactibench.records import RECORD, StoredRun
 from tactibench.report import progress_on
 
 
@@ -54,15 +54,12 @@ class Terminal:
         return self._progress.training()
 
 
-def show_run(
-    terminal: Terminal, run: StoredRun, store: Path, board: Path, *, full: bool = False
-) -> None:
+def show_run(terminal: Terminal, run: StoredRun, board: Path, *, full: bool = False) -> None:
     """Print a run in about ten lines, or whole, and draw its pictures where it is no quick run.
 
     Args:
         terminal: Where to print.
         run: That is shown.
-        store: Other runs, for the pictures.
         board: Folder of the leaderboards, for the place of the run.
         full: Print all tables and published rows.
     """
@@ -74,8 +71,7 @@ def show_run(
         from tactibench.board import place_run
         from tactibench.report import update_pictures
 
-        others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
-        pictures = update_pictures(run, others)
+        pictures = update_pictures(run)
         place = place_run(run, board)
     if not full:
         print_summary(terminal.out, run.record, run.folder, place, board)

@@ -12,6 +12,7 @@ from tactibench.cli.options import (
     RUN,
     add_options,
     board_option,
+    folder_option,
     json_option,
     output_file,
     param_option,
@@ -23,7 +24,6 @@ from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench import api
-    from tactibench.cli.output import Terminal
 
 
 @click.group()
@@ -40,10 +40,9 @@ def plot() -> None:
 
 board_options = add_options(
     picture_option,
-    board_option,
+    folder_option("--board", default="leaderboards", help_text="Folder of the leaderboards."),
     click.option(
         "--store",
-        "runs",
         type=click.Path(path_type=Path, file_okay=False, exists=True),
         help="Take the complete runs of this store, too.",
     ),
@@ -57,15 +56,7 @@ board_options = add_options(
 @click.argument("protocol")
 @board_options
 @click.option("--machine", help="Fingerprint of the machine; default: that of most runs.")
-def frontier(
-    protocol: str,
-    out: Path | None,
-    board_folder: Path,
-    runs: Path | None,
-    sensor: str | None,
-    json_file: Path | None,
-    machine: str | None,
-) -> None:
+def frontier(**options: Any) -> None:
     """Show which models of PROTOCOL are fast for their error, and which are dominated.
 
     From the committed records: the latency of one frame (p90, one thread, one machine) against the
@@ -74,12 +65,7 @@ def frontier(
     \b
     tactibench plot frontier exp2 --out docs/images/frontier-exp2.png
     """
-    from tactibench import api
-
-    result = api.plot(
-        "frontier", protocol, board=board_folder, store=runs, sensor=sensor, machine=machine
-    )
-    _show(result, out, json_file)
+    _plot_runs("frontier", **options)
 
 
 @plot.command(short_help="error against the presses that a model learned from")
@@ -90,16 +76,7 @@ def frontier(
     is_flag=True,
     help="Against the labelled presses of an instance that no training saw; --sensor: its name.",
 )
-def curve(
-    protocol: str,
-    *,
-    out: Path | None,
-    board_folder: Path,
-    runs: Path | None,
-    sensor: str | None,
-    json_file: Path | None,
-    new_sensor: bool,
-) -> None:
+def curve(**options: Any) -> None:
     """Show the learning curves of PROTOCOL: the error that orders its board against presses.
 
     From runs with `--presses N` and the whole run of the same configuration. With --new-sensor,
@@ -114,27 +91,14 @@ def curve(
     tactibench run exp1 --model kernel --param sensor.instance=1 --presses 50
     tactibench plot curve exp1 --new-sensor --store runs --out new.png
     """
-    from tactibench import api
-
-    result = api.plot(
-        "curve", protocol, board=board_folder, store=runs, sensor=sensor, new_sensor=new_sensor
-    )
-    _show(result, out, json_file)
+    _plot_runs("curve", **options)
 
 
 @plot.command(short_help="where errors double on hard cases")
 @click.argument("protocol", default="stability")
 @board_options
 @click.option("--rows", multiple=True, metavar="LABEL", help="Only these rows, in this order.")
-def stability(
-    protocol: str,
-    out: Path | None,
-    board_folder: Path,
-    runs: Path | None,
-    sensor: str | None,
-    json_file: Path | None,
-    rows: tuple[str, ...],
-) -> None:
+def stability(**options: Any) -> None:
     """Show where the error of every model doubles on the graded hard cases of PROTOCOL.
 
     From the committed records, and the complete runs of --store. Seeds are pooled. The picture
@@ -145,12 +109,13 @@ def stability(
     tactibench plot stability --out cases.png
     tactibench plot stability --rows 'superpose (single)' --rows 'vgnn (single)' --out two.png
     """
+    _plot_runs("stability", **options)
+
+
+def _plot_runs(kind: str, *, out: Path | None, json_file: Path | None, **options: Any) -> None:
     from tactibench import api
 
-    result = api.plot(
-        "stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows
-    )
-    _show(result, out, json_file)
+    _show(api.plot(kind, **options), out, json_file)
 
 
 def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
@@ -174,30 +139,13 @@ def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[f
     show_default=True,
     help="Depths of the press, mm.",
 )
-@click.option("--spacing", type=click.FloatRange(0.1, 40), help="Of the two tips, mm; default 7.")
-@click.option("--yaw", type=click.FloatRange(-360, 360), help="Of the two tips, deg; default 0.")
+@click.option("--spacing", type=float, help="Of the two tips, mm; default 7.")
+@click.option("--yaw", type=float, help="Of the two tips, deg; default 0.")
+@click.option("--radius", default=3.0, show_default=True, help="Of the tips, mm.")
 @click.option(
-    "--radius",
-    type=click.FloatRange(0.1, 20),
-    default=3.0,
-    show_default=True,
-    help="Of the tips, mm.",
+    "--range", "reach", default=6.4, show_default=True, help="Half side of the workspace, mm."
 )
-@click.option(
-    "--range",
-    "reach",
-    type=click.FloatRange(0, 20),
-    default=6.4,
-    show_default=True,
-    help="Half side of the workspace, mm.",
-)
-@click.option(
-    "--step",
-    type=click.FloatRange(0.05, 20),
-    default=0.8,
-    show_default=True,
-    help="Between the presses, mm.",
-)
+@click.option("--step", default=0.8, show_default=True, help="Between the presses, mm.")
 @click.option(
     "--nuisance",
     "nuisances",
@@ -227,24 +175,16 @@ def limit(
     """
     from tactibench import api
     from tactibench.cli.output import Terminal
-
-    names = tuple(name.strip() for name in nuisances.split(",") if name.strip())
-    result = api.plot_limit(
-        params=_parameters(params), nuisances=names, progress=Terminal(), **options
-    )
-    _show(result, out, json_file)
-
-
-def _parameters(params: tuple[str, ...]) -> dict[str, str]:
+    from tactibench.datasets import sensor_parameters
     from tactibench.run import read_parameters
 
-    given = read_parameters(params)
-    for kind in set(given) - {"sensor"}:
-        raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
-    return given.get("sensor", {})
+    names = tuple(name.strip() for name in nuisances.split(",") if name.strip())
+    values = dict(sensor_parameters(read_parameters(params)))
+    made = api.plot_limit(params=values, nuisances=names, progress=Terminal(), **options)
+    _show(made, out, json_file)
 
 
-def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
+def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> None:
     """Print the numbers behind a figure, and write the figure where it is asked for."""
     from rich.text import Text
 
@@ -252,11 +192,9 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
     from tactibench.report import print_table
 
     terminal, shown = Terminal(), made.data
-    if shown.title:
-        terminal.out.print(Text(shown.title, style="bold"))
     terminal.out.print(Text(shown.subject, style="cyan"), soft_wrap=True)
     for k, table in enumerate(shown.tables):
-        if shown.title or k:
+        if k:
             terminal.say("")
         print_table(terminal.out, table)
     if shown.remarks:
@@ -266,7 +204,6 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
     if out is not None:
         terminal.say(f"picture: {made.save(out)}")
     save_json(json_file, shown.rows)
-    return terminal
 
 
 @click.command()

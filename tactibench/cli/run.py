@@ -106,7 +106,7 @@ def run(
     if dry_run:
         return
     finished = plan.carry_out(terminal, fresh=fresh)
-    show_run(terminal, finished, store, board_folder, full=full)
+    show_run(terminal, finished, board_folder, full=full)
     save_json(json_file, finished.record.json_values())
 
 
@@ -160,7 +160,7 @@ def score(
 
     terminal = Terminal()
     scored = api.score(run_name, store)
-    show_run(terminal, scored.run, store, board_folder, full=full)
+    show_run(terminal, scored.run, board_folder, full=full)
     record = scored.run.record
     save_json(json_file, record.json_values())
     if scored.completed:

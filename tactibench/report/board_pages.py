@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -163,37 +163,16 @@ class BoardPage:
 
 @dataclass(frozen=True)
 class PageFile:
-    """The file of a page, and the records that it was made from.
-
-    Attributes:
-        path: File under ``leaderboards/``.
-        text: Text that it shall hold.
-        protocol: The protocol.
-        submissions: Records of the protocol.
-    """
+    """The file of a page under ``leaderboards/``: its text, and the number of its records."""
 
     path: Path
     text: str
-    protocol: LoadedProtocol
-    submissions: tuple[Record, ...] = field(repr=False)
-
-    @property
-    def records(self) -> int:
-        """Number of records."""
-        return len(self.submissions)
-
-    @property
-    def on_curve(self) -> int:
-        """Number of records of fewer presses, which belong to learning curves."""
-        return self.records - len(whole(self.submissions))
+    records: int
 
     @property
     def current(self) -> bool:
         """True if the file holds exactly this text."""
-        try:
-            return self.path.read_text(encoding="utf-8") == self.text
-        except (OSError, UnicodeDecodeError):
-            return False
+        return self.path.is_file() and self.path.read_bytes() == self.text.encode()
 
     def write(self) -> None:
         """Write the file, whole or not at all."""
@@ -222,22 +201,25 @@ def page_files(board: Path) -> list[PageFile]:
             )
     pages = []
     for name in names:
-        protocol, path = load_protocol(name), board / f"{name}.md"
-        records = read_submissions(board, name)
+        path, records = board / f"{name}.md", read_submissions(board, name)
         if records or path.is_file():  # a laboratory shows its own protocols, not all that ship
-            page = committed_page(protocol, board)
-            pages.append(PageFile(path, page.markdown(), protocol, tuple(records)))
+            page = committed_page(load_protocol(name), board, records)
+            pages.append(PageFile(path, page.markdown(), len(records)))
     return pages
 
 
-def committed_page(protocol: LoadedProtocol, board: Path) -> BoardPage:
+def committed_page(
+    protocol: LoadedProtocol, board: Path, records: Sequence[Record] | None = None
+) -> BoardPage:
     """Return the page of a protocol, made from its committed records.
 
     Args:
         protocol: The protocol.
         board: Folder of the board.
+        records: The records, where they were read already.
     """
-    records = read_submissions(board, protocol.spec.id)
+    if records is None:
+        records = read_submissions(board, protocol.spec.id)
     errors = all_press_errors(board, records)
     return board_page(protocol, records, published_tables(protocol, board), errors)
 
@@ -449,18 +431,6 @@ def board_rows(
                 }
                 lines += [{**subject, **facts, "rank": rank} for facts in _facts(row)]
     return lines
-
-
-def board_csv(rows: Iterable[dict[str, Any]]) -> str:
-    """Return ``board_rows`` as CSV; the items of a list are separated by spaces."""
-    import pandas as pd
-
-    def plain(value: Any) -> Any:
-        text = " ".join(map(str, value)) if isinstance(value, list) else value
-        # A spreadsheet would read such a text as a formula.
-        return f"'{text}" if isinstance(text, str) and text[:1] in ("=", "+", "-", "@") else text
-
-    return pd.DataFrame(rows).map(plain).to_csv(index=False, lineterminator="\n")
 
 
 def _facts(row: Row) -> Iterator[dict[str, Any]]:

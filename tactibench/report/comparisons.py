@@ -21,8 +21,9 @@ from tactibench.board import (
     names_of,
 )
 from tactibench.metrics import find_metric
-from tactibench.records import Record, StoredRun, measured_on
+from tactibench.records import StoredRun, measured_on
 from tactibench.report import tables
+from tactibench.report.run_view import misses_line, partial_line
 from tactibench.report.tables import (
     MISSING,
     NAMES,
@@ -44,12 +45,6 @@ from tactibench.report.tables import (
 from tactibench.sweep import AXES, STATES, Cell, CellState
 
 DECIMALS = {"mm": 4, "deg": 3, "share": 2, "per frame": 3}
-MISSES = (
-    ("missed", "missed", PERCENT, 2, " %"),
-    ("spurious", "spurious", 1.0, 3, " / frame"),
-    ("coverage", "answered", PERCENT, 2, " %"),
-)
-"""Metric, word, scale, decimals and unit of the numbers that always stand beside an error."""
 SIGNIFICANT = 0.05
 """A run is called better where p is below this."""
 
@@ -69,7 +64,8 @@ def print_comparisons(
     console.print(Text(f"{first.protocol.id}  {first.protocol.title}", style="bold"))
     console.print(Text(f"{measured_on(first)}, {first.data.test:,} test frames"))
     for sign, name, run in zip(signs, names_of(runs), runs, strict=True):
-        console.print(Text(f"{sign}  {name}  {_misses(run.record)}"), soft_wrap=True)
+        lines = filter(None, (misses_line(run.record), partial_line(run.record)))
+        console.print(Text(f"{sign}  {name}  {'; '.join(lines)}"), soft_wrap=True)
         console.print(Text(f"   {run.record.name}", style="dim"), soft_wrap=True)
     for comparison in comparisons:
         pair = signs[comparison.first], signs[comparison.second]
@@ -140,16 +136,6 @@ def _better(row: MetricComparison, first: str, second: str) -> str:
     if row.p is None or row.p >= SIGNIFICANT:  # with few presses the t interval claims too much
         return ""
     return first if (high < 0) == (better == "lower") else second
-
-
-def _misses(record: Record) -> str:
-    """Return the misses of a record, such as "missed 0.17 %, spurious 0.002 / frame"."""
-    parts = []
-    for metric, word, scale, decimals, unit in MISSES:
-        value = record.value(metric, "all")
-        if value is not None:
-            parts.append(f"{word} {number(value * scale, decimals)}{unit}")
-    return ", ".join(parts) + ("; PARTIAL RUN" if record.partial else "")
 
 
 def _notes(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> Iterator[str]:

@@ -1,32 +1,38 @@
-"""Curves of many rows: over training presses, graded hard cases, and the distance of two tips."""
+"""Curves of rows over the distance of two tips and over graded hard cases."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import (
-    FixedLocator,
-    LogLocator,
-    MultipleLocator,
-    NullLocator,
-    StrMethodFormatter,
-)
+from matplotlib.ticker import LogLocator, MultipleLocator
 
-from tactibench.board import Curve, FamilyErrors, PooledMetric, Row, counts, family_errors
-from tactibench.contacts import FloatArray
-from tactibench.protocols import Axis, PublishedTable, Ranking, published_means
+from tactibench.board import (
+    FamilyErrors,
+    Row,
+    family_errors,
+    gather_records,
+    ordered,
+    select_section,
+    whole,
+)
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols import Axis, PublishedTable, load_protocol, published_means
+from tactibench.report.board_tables import doubling_table
 from tactibench.report.style import (
+    CURVES,
     DASHES,
     GREY,
     Look,
-    error_bars,
+    PlotData,
+    draw_line,
     headline,
     in_own_style,
     legend_below,
@@ -37,113 +43,102 @@ from tactibench.report.style import (
     short_label,
 )
 
-CURVE_DODGE = 0.012
-"""Distance between the curves, as a share of the presses, so that bars do not overlap."""
 COLUMNS = 3
 DODGE = 0.07
 """Distance between the rows, in steps of the axis, so that bars do not overlap."""
 TENTH = 0.1
 """Share of missed contacts from which a marker is hollow."""
-STABILITY_TITLE = "Hard cases: error from the easy case on"
+DODGE_MM = 0.05
+"""Distance between rows by distance, so that interval bars do not overlap."""
+FEW = 50
+"""Per cent of resolved pairs below which a mark is hollow: its error is that of few pairs."""
+HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white", "zorder": 3}
+DASHED: dict[str, Any] = {"color": GREY, "linestyle": (0, (5, 3)), "linewidth": 1.2, "zorder": 1}
 
 
-@dataclass(frozen=True)
-class Caption:
-    """Title and horizontal axis of learning curves.
-
-    Attributes:
-        title: Title of the picture.
-        presses: Name of the horizontal axis.
-    """
-
-    title: str
-    presses: str
-
-
-LEARNING = Caption(
-    "Learning curve; bars: 95 % over presses, mean of the seeds",
-    "presses that the model learned from",
-)
-NEW_SENSOR = Caption(
-    "What a new sensor costs; mean over instances, bars: the best and the worst",
-    "labelled presses of the new sensor",
-)
+def by_distance(
+    row: Row, metric: str, scale: float = 1.0
+) -> dict[float, tuple[float, float | None, float | None]]:
+    """Return distance, mm -> value, low and high of a metric, ascending; n/a is left out."""
+    groups = dict.fromkeys(m.group for m in row.first.metrics if m.metric == metric)
+    pooled = {float(g): row.metric(metric, g) for g in groups if g[:1].isdigit()}
+    return {
+        distance: (
+            m.value * scale,
+            None if m.low is None else m.low * scale,
+            None if m.high is None else m.high * scale,
+        )
+        for distance, m in sorted(pooled.items())
+        if m is not None
+    }
 
 
 @in_own_style
-def curve_figure(
-    curves: Sequence[Curve], error: Ranking, caption: Caption = LEARNING, *, measured_on: str = ""
+def distance_figure(
+    rows: Sequence[Row], *, published: Sequence[PublishedTable] = (), measured_on: str = ""
 ) -> Figure:
-    """Draw every curve with its bars, on logarithmic axes.
+    """Draw the distance error with intervals, and below it the share of pairs resolved as two.
 
-    Where a curve has a step with no presses, the axis is linear up to half the fewest other
-    presses.
+    A large mark stands at the threshold of 75 %, which is that of a logistic fit.
 
     Args:
-        curves: Learning curves.
-        error: Error on the vertical axis.
-        caption: Title and name of the horizontal axis.
-        measured_on: Printed as subtitle.
+        rows: Rows in the order of the legend.
+        published: Tables whose mean distance errors become dashed lines.
+        measured_on: Printed as subtitle, such as "simulated sensor tactip-127".
     """
-    figure = new_figure(8.0, 5.2)
-    axes = figure.subplots()
-    middle = (len(curves) - 1) / 2
-    drawn = counts(curves)
-    # A logarithmic axis has no place for 0, so it is linear below half the fewest presses.
-    few = min(filter(None, drawn), default=2) / 2 if 0 in drawn else 0.0
-    looks = row_looks([curve.model for curve in curves])
-    for k, (curve, look) in enumerate(zip(curves, looks, strict=True)):
-        points = [(step.presses, step.error) for step in curve.steps if step.error is not None]
-        y = [pooled.value for _, pooled in points]
-        axes.errorbar(
-            [presses + max(presses, few) * CURVE_DODGE * (k - middle) for presses, _ in points],
-            y,
-            error_bars(
-                y, [pooled.low for _, pooled in points], [pooled.high for _, pooled in points]
-            ),
-            **look.points,
-            linestyle=look.line,
-            markersize=5.5,
-            linewidth=1.5,
-            elinewidth=1.1,
-            capsize=2.5,
-            label=short_label(curve.label),
-        )
-    axes.set(yscale="log", xlabel=caption.presses, ylabel=f"{error.name}, {error.unit}")
-    if few:
-        axes.set_xscale("symlog", linthresh=few, linscale=0.5)
-        axes.set_xlim(-few / 2, 1.2 * max(drawn))
-    else:
-        axes.set_xscale("log")
-    axes.xaxis.set_major_locator(FixedLocator(drawn or [1000]))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
-    axes.xaxis.set_minor_locator(NullLocator())
-    log_ticks(axes.yaxis, subs=(1, 2, 3, 5))
-    plain(axes)
-    if curves:
-        legend_below(figure, 2)
-    headline(figure, caption.title, measured_on)
+    figure = new_figure(8.0, 7.0)
+    errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    some_few = some_drawn = False
+    for k, (row, look) in enumerate(zip(rows, _looks(rows), strict=True)):
+        shift = DODGE_MM * (k - (len(rows) - 1) / 2)
+        error, resolved = by_distance(row, "distance_mae_mm"), by_distance(row, "resolved", 100)
+        label = short_label(row.label) + ("" if error else ": no pair resolved")
+        draw_line(errors, [d + shift for d in error], list(error.values()), look, label)
+        few = [d for d in error if d in resolved and resolved[d][0] < FEW]
+        x, y = [d + shift for d in few], [error[d][0] for d in few]
+        errors.plot(x, y, markersize=5.5, **HOLLOW, **look.points)
+        draw_line(shares, [d + shift for d in resolved], list(resolved.values()), look)
+        threshold = row.metric("threshold_mm", "all")
+        if threshold is not None and not threshold.censored:
+            shares.plot(threshold.value, 75, markersize=11, **look.points)
+        some_few |= bool(few)
+        some_drawn |= any(value > 0 for value, _, _ in error.values())
+    shares.axhline(75, **DASHED)
+    for (name, value), dash in zip(published_means(published), DASHES[1:], strict=False):
+        label = f"{short_label(name)}, {value:g} mm: hardware, published"
+        errors.axhline(value, **{**DASHED, "linestyle": dash}, label=label)
+    if some_drawn:
+        errors.set_yscale("log", nonpositive="mask")
+        log_ticks(errors.yaxis)
+    errors.set_ylabel("error of the distance, mm\n(mean over resolved pairs)")
+    shares.set(ylim=(-6, 106), yticks=[0, 25, 50, 75, 100], ylabel="pairs resolved\nas two, %")
+    shares.set_xlabel("true distance of the two tips, mm")
+    shares.xaxis.set_major_locator(MultipleLocator(1.0))
+    for axes in (errors, shares):
+        plain(axes)
+    if rows:
+        legend_below(figure, 2, *errors.get_legend_handles_labels())
+    hollow_note = "hollow: less than half resolved" if some_few else ""
+    title = "Two-point discrimination; large mark: the threshold, at which 75 % are resolved"
+    headline(figure, title, measured_on, "bars: 95 % interval over presses", hollow_note)
     return figure
 
 
+def _looks(rows: Sequence[Row]) -> list[Look]:
+    return row_looks([row.first.model.name for row in rows])
+
+
 @in_own_style
-def stability_figure(
-    rows: Sequence[Row],
-    axes: Sequence[Axis],
-    *,
-    title: str = STABILITY_TITLE,
-    measured_on: str = "",
-) -> Figure:
+def stability_figure(rows: Sequence[Row], axes: Sequence[Axis], *, measured_on: str = "") -> Figure:
     """Draw a panel for every family with an easy case; the values are evenly spaced.
 
     Args:
         rows: The models, in the order of the legend.
         axes: Axes of the families.
-        title: Title of the picture.
         measured_on: Printed as subtitle.
     """
     families = [family_errors(row, axes) for row in rows]
-    looks = row_looks([row.first.model.name for row in rows])
+    looks = _looks(rows)
     shown = [k for k, grade in enumerate(families[0]) if len(grade.cases) > 1]
     count = math.ceil(len(shown) / COLUMNS)
     figure = new_figure(9.0, 2.0 * count + 1.1)
@@ -158,7 +153,7 @@ def stability_figure(
     handles, labels = panels.flat[0].get_legend_handles_labels()
     legend_below(figure, 4, handles, labels)
     notes = "bars: 95 % over presses; hollow: a tenth of the contacts missed, or more"
-    headline(figure, title, measured_on, notes)
+    headline(figure, "Hard cases: error from the easy case on", measured_on, notes)
     return figure
 
 
@@ -189,146 +184,67 @@ def _show_curve(axes: Axes, family: FamilyErrors, shift: float, label: str, look
         for k, case in enumerate(family.cases)
         if case.error is not None and case.error.value > 0
     ]
-    x = np.array([k + shift for k, _, _ in drawn])
-    y = [error.value for _, _, error in drawn]
-    marks: dict[str, Any] = {"markersize": 3.5, **look.points}
-    axes.errorbar(
-        x,
-        y,
-        error_bars(y, [error.low for _, _, error in drawn], [error.high for _, _, error in drawn]),
-        linestyle=look.line if family.axis.ordered else "none",
-        linewidth=1.1,
-        elinewidth=0.8,
-        capsize=1.5,
-        label=short_label(label),
-        **marks,
-    )
+    x = [k + shift for k, _, _ in drawn]
+    errors = [(error.value, error.low, error.high) for _, _, error in drawn]
+    line = look if family.axis.ordered else replace(look, line="none")
+    sizes = {"linewidth": 1.1, "elinewidth": 0.8, "capsize": 1.5, "markersize": 3.5}
+    draw_line(axes, x, errors, line, short_label(label), **sizes)
     missed = [case.missed is not None and case.missed.value >= TENTH for _, case, _ in drawn]
-    for place, value in ((a, b) for a, b, few in zip(x, y, missed, strict=True) if few):
-        axes.plot(place, value, linestyle="none", markerfacecolor="white", zorder=3, **marks)
+    for place, (value, _, _), hollow in zip(x, errors, missed, strict=True):
+        if hollow:
+            axes.plot(place, value, markersize=3.5, **HOLLOW, **look.points)
     return len(drawn)
 
 
-DODGE_MM = 0.05
-"""Distance between the series, so that interval bars do not overlap."""
-FEW = 0.5
-"""Share of resolved pairs below which a mark is hollow: its error is that of few pairs."""
-MARKS: dict[str, Any] = {"markersize": 5.5}
-DASHED: dict[str, Any] = {"color": GREY, "linestyle": (0, (5, 3)), "linewidth": 1.2, "zorder": 1}
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """A row of exp2 by distance.
-
-    Each metric is a (K, 4) array of distance, value, low and high, ascending by distance.
-
-    Attributes:
-        label: Label of the row.
-        model: Name of the model.
-        error: Error over resolved pairs, mm.
-        resolved: Share of pairs resolved.
-        threshold: Distance at which 75 % are resolved, mm.
-    """
-
-    label: str
-    model: str
-    error: FloatArray
-    resolved: FloatArray
-    threshold: PooledMetric | None = None
-
-    @property
-    def few(self) -> npt.NDArray[np.bool_]:
-        """(K,) whether fewer than half of the pairs behind each error were resolved."""
-        few = self.resolved[self.resolved[:, 1] < FEW, 0]
-        return np.isin(self.error[:, 0], few)
-
-
-def distance_series(row: Row) -> Series:
-    """Return the metrics of a row by distance."""
-    error, resolved = (by_distance(row, metric) for metric in ("distance_mae_mm", "resolved"))
-    threshold = row.metric("threshold_mm", "all")
-    return Series(row.label, row.first.model.name, error, resolved, threshold)
-
-
-def by_distance(row: Row, metric: str) -> FloatArray:
-    """Return (K, 4) distance, value, low, high of a metric, ascending; n/a is left out.
-
-    A missing end of an interval is set to the value itself, so that no bar is drawn on that side.
-    """
-    lines = []
-    for group in dict.fromkeys(m.group for m in row.first.metrics if m.metric == metric):
-        pooled = row.metric(metric, group)
-        if pooled is not None and group[:1].isdigit():
-            ends = (pooled.value if end is None else end for end in (pooled.low, pooled.high))
-            lines.append((float(group), pooled.value, *ends))
-    return np.array(sorted(lines), dtype=np.float64).reshape(-1, 4)
-
-
-@in_own_style
-def distance_figure(
-    series: Sequence[Series],
-    *,
-    published: Sequence[PublishedTable] = (),
-    measured_on: str = "",
-) -> Figure:
-    """Draw the distance error with intervals, and below it the share of pairs resolved as two.
-
-    A large mark stands at the threshold of 75 %, which is that of a logistic fit.
+def stability_data(
+    protocol: str, board: Path, runs: Path | None, sensor: str | None, labels: tuple[str, ...]
+) -> PlotData:
+    """Return the value at which the error of every model doubles on graded hard cases.
 
     Args:
-        series: Rows in the order of the legend.
-        published: Tables whose mean distance errors become dashed lines.
-        measured_on: Printed as subtitle, such as "simulated sensor tactip-127".
+        protocol: Name of the protocol.
+        board: Folder of the leaderboards.
+        runs: A run store; None: none.
+        sensor: Name of the sensor; None: the nominal one.
+        labels: Labels of the rows that are shown, in this order; () for all.
+
+    Raises:
+        UserError: There is nothing to show.
     """
-    figure = new_figure(8.0, 7.0)
-    errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    looks = row_looks([line.model for line in series])
-    for k, (line, look) in enumerate(zip(series, looks, strict=True)):
-        shift = DODGE_MM * (k - (len(series) - 1) / 2)
-        label = short_label(line.label) + ("" if len(line.error) else ": no pair resolved")
-        _show_line(errors, line.error, shift, look, label)
-        hollow: dict[str, Any] = {**MARKS, "markerfacecolor": "white", "zorder": 3}
-        errors.plot(
-            *(line.error[line.few, :2] + [shift, 0]).T, linestyle="none", **hollow, **look.points
-        )
-        _show_line(shares, line.resolved * [1, 100, 100, 100], shift, look)
-        if line.threshold is not None and not line.threshold.censored:
-            shares.plot(line.threshold.value, 75, markersize=11, **look.points)
-    shares.axhline(75, **DASHED)
-    for (name, value), dash in zip(published_means(published), DASHES[1:], strict=False):
-        label = f"{short_label(name)}, {value:g} mm: hardware, published"
-        errors.axhline(value, **{**DASHED, "linestyle": dash}, label=label)
-    if any((line.error[:, 1] > 0).any() for line in series):
-        errors.set_yscale("log", nonpositive="mask")
-        log_ticks(errors.yaxis)
-    errors.set_ylabel("error of the distance, mm\n(mean over resolved pairs)")
-    shares.set(ylim=(-6, 106), yticks=[0, 25, 50, 75, 100], ylabel="pairs resolved\nas two, %")
-    shares.set_xlabel("true distance of the two tips, mm")
-    shares.xaxis.set_major_locator(MultipleLocator(1.0))
-    for axes in (errors, shares):
-        plain(axes)
-    if series:
-        legend_below(figure, 2, *errors.get_legend_handles_labels())
-    few = any(line.few.any() for line in series)
-    hollow_note = "hollow: less than half resolved" if few else ""
-    title = "Two-point discrimination; large mark: the threshold, at which 75 % are resolved"
-    headline(figure, title, measured_on, "bars: 95 % interval over presses", hollow_note)
-    return figure
-
-
-def _show_line(axes: Axes, table: FloatArray, shift: float, look: Look, label: str = "") -> None:
-    """Draw (K, 4) distance, value, low and high as a line with bars."""
-    x, value, low, high = table.T
-    axes.errorbar(
-        x + shift,
-        value,
-        [value - low, high - value],
-        linestyle=look.line,
-        label=label,
-        linewidth=1.6,
-        elinewidth=1.1,
-        capsize=2.5,
-        **MARKS,
-        **look.points,
+    axes = load_protocol(protocol).spec.axes
+    if not axes:
+        raise UserError(f"{protocol} has no families of hard cases; take stability.")
+    section = select_section(whole(gather_records(protocol, board, runs)), sensor, protocol)
+    chosen = ordered(protocol, section.rows)
+    by_label = {row.label: row for row in chosen}
+    for label in labels:
+        if label not in by_label:
+            raise UserError(f"no row is called {label!r}; {did_you_mean(label, by_label)}")
+    chosen = [by_label[label] for label in labels] or list(chosen)
+    subject = f"{protocol}, {section.title.lower()}"
+    rows = list(_stability_rows(chosen, axes))
+    return PlotData(
+        subject,
+        (doubling_table(chosen, axes),),
+        rows,
+        partial(stability_figure, chosen[:CURVES], axes, measured_on=subject),
+        () if len(chosen) <= CURVES else (f"The picture shows the first {CURVES} rows.",),
     )
+
+
+def _stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> Iterator[dict[str, Any]]:
+    """Yield the values at which errors double, and the errors case by case."""
+    for row in rows:
+        for grade in family_errors(row, axes):
+            axis, doubles = grade.axis, grade.doubles
+            subject = {"group": row.label, "family": axis.family}
+            if doubles is not None:
+                ends = {"value": doubles.value, "low": doubles.low, "high": doubles.high}
+                facts = {"censored": doubles.censored, "unit": axis.unit, "harder": axis.harder}
+                yield {"metric": "doubles_at", **subject, **ends, **facts}
+            for case in grade.cases:
+                if case.error is not None:
+                    error = case.error
+                    ends = {"value": error.value, "low": error.low, "high": error.high}
+                    place = {"at": case.value, "easy": case.easy}
+                    yield {"metric": "ospa_mm", **subject, **place, **ends, "unit": "mm"}

@@ -10,7 +10,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from tactibench import __version__
 from tactibench.board import (
     Errors,
-    PressErrors,
     Row,
     all_press_errors,
     check_folder,
@@ -52,20 +51,18 @@ from tactibench.report.board_pages import (
     published_tables,
 )
 from tactibench.report.board_tables import overview_table
-from tactibench.report.curve_plots import (
-    LEARNING,
-    curve_figure,
-    distance_figure,
-    distance_series,
-    stability_figure,
-)
+from tactibench.report.curve_plots import by_distance, distance_figure, stability_figure
 from tactibench.report.frame_plots import contacts_figure
-from tactibench.report.frontier_plot import frontier_figure, unseen_frontiers
 from tactibench.report.pages import asset, render
-from tactibench.report.plot_data import frontier_table
 from tactibench.report.run_pictures import RunArrays
 from tactibench.report.style import CURVES, image_bytes
 from tactibench.report.tables import Table, plural
+from tactibench.report.tradeoff_plots import (
+    curve_figure,
+    frontier_figure,
+    frontier_table,
+    unseen_frontiers,
+)
 from tactibench.run import folder_label
 
 AUTO, RUNS, BOARD, BOTH = "auto", "runs", "board", "both"
@@ -74,12 +71,12 @@ POLICY = (
     "default-src 'none'; script-src '{}'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'"
 )
-WITHOUT_FRAMES = (
-    "Worst frames are stored with runs, not with committed records: `tactibench run {} --model "
-    "unet`, then `tactibench report --store runs`, shows them."
-)
 INDEX = "index.html"
+WORST_ROWS, WORST = 8, 3
+"""Most rows whose worst frames are shown, the best first, and number of frames of each."""
+PAGE_DPI = 100
 Advance = Callable[[str], None]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +134,8 @@ def gather(
         protocols: Protocols that are shown; () for all that have records.
 
     Raises:
-        UserError: A protocol is unknown, or there is nothing to show.
+        UserError: A protocol is unknown, the arrays of a run are damaged, or there is nothing to
+            show.
     """
     names = protocol_files()
     for name in protocols:
@@ -145,15 +143,8 @@ def gather(
             raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, names)}")
     runs = list(stored_runs(store)) if origin != BOARD else []
     complete = [run for run in runs if not run.record.partial]
-    partial = len(runs) - len(complete)
     if origin == AUTO:
         origin = RUNS if complete else BOARD
-    if origin == RUNS and not complete:
-        some = f", only {plural(partial, 'partial run')} (--quick or --limit)" if partial else ""
-        raise UserError(
-            f"{store} holds no complete run{some}; run a protocol whole, name another store with "
-            "--store, or leave --from out to see the committed boards."
-        )
     if origin != RUNS:
         check_folder(board)
     read = [
@@ -162,21 +153,20 @@ def gather(
         if not protocols or name in protocols
     ]
     boards = [one for one in read if one.records or one.name in protocols]
-    if not boards:
+    if not boards or (origin == RUNS and not complete):
         raise UserError(
-            f"there is no complete run to show, neither in {store} nor in {board}; run a protocol "
-            "first, or name another store with --store."
+            f"there is no complete run to show in {store if origin == RUNS else board}; run a "
+            "protocol whole, or name another folder with --store, --board or --from."
         )
     stored = sum(len(one.runs) for one in boards)
     committed = sum(len(one.records) for one in boards) - stored
     shown = [plural(committed, "committed record")] if origin != RUNS else []
     if origin != BOARD:
         shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
-    newest = max((r.created[:10] for one in boards for r in one.records), default="")
-    text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}." if newest else ".")
-    counts = ((partial, "partial run"), (len(complete) - stored, "other or older run"))
-    left_out = [plural(count, what) for count, what in counts if count]
-    text += f" Left out: {' and '.join(left_out)}." if left_out else ""
+    newest = max((r.created[:10] for one in boards for r in one.records), default="none")
+    text = f"Made from {' and '.join(shown)}, the newest of {newest}."
+    if left_out := len(runs) - stored:
+        text += f" Left out: {plural(left_out, 'partial, other or older run')}."
     return ReportData(tuple(boards), text)
 
 
@@ -189,31 +179,35 @@ def _board(
         if run.record.protocol.hash == protocol.hash:
             newest[slot(run.record)] = run
     by_name = {run.record.name: run for run in newest.values()}
-    stored = [run.record for run in by_name.values()]
     committed: list[Record] = []
     if origin != RUNS:
         records = read_submissions(board, protocol.spec.id)
         committed = [record for record in records if slot(record) not in newest]
-    errors = dict(all_press_errors(board, committed)) | _press_errors(protocol, by_name)
-    shown = sorted([*committed, *stored], key=lambda record: record.name)
+    errors = all_press_errors(board, committed)
+    if board_spec(protocol.spec.id).ranking is not None:
+        for name, run in by_name.items():
+            arrays = run.arrays("truth"), run.arrays("predictions")
+            errors[name] = press_errors_of(protocol.spec, *arrays)
+    shown = sorted((*committed, *(run.record for run in by_name.values())), key=lambda r: r.name)
     tables = tuple(published_tables(protocol, board))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
 
 
-def _press_errors(
-    protocol: LoadedProtocol, runs: Mapping[str, StoredRun]
-) -> dict[str, PressErrors]:
-    """Return the error that orders the board, press by press, of the stored runs."""
-    errors: dict[str, PressErrors] = {}
-    if board_spec(protocol.spec.id).ranking is None:
-        return errors
-    for name, run in runs.items():
-        try:
-            truth, predicted = run.arrays("truth"), run.arrays("predictions")
-            errors[name] = press_errors_of(protocol.spec, truth, predicted)
-        except (UserError, KeyError, ValueError):
-            continue  # a damaged run is ranked by its intervals
-    return errors
+@dataclass(frozen=True)
+class Option:
+    """One choice of a panel.
+
+    Attributes:
+        label: Name of the choice.
+        image: The picture, as a data URI.
+        tables: Numbers behind the picture, where no table of the page has them.
+        note: Words below the picture.
+    """
+
+    label: str
+    image: str
+    tables: tuple[Table, ...] = ()
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -223,13 +217,13 @@ class Chapter:
     Attributes:
         key: Name of its anchor.
         page: Its tables and notes.
-        panels: Figures of every section.
-        lacking: Reason why some figures are missing; "" for none.
+        figures: Figures of every section: name of a panel in the template -> its choices.
+        lacking: Name of the protocol where no worst frames can be shown; "" elsewhere.
     """
 
     key: str
     page: BoardPage
-    panels: tuple[list[Panel], ...]
+    figures: tuple[Mapping[str, Sequence[Option]], ...]
     lacking: str
 
 
@@ -268,13 +262,13 @@ def site_pages(data: ReportData, *, advance: Advance = lambda _: None) -> Iterat
 def _chapter(board: ReportBoard, advance: Advance) -> Chapter:
     advance(board.name)
     page = board.page
-    figures = tuple(panels(part, board) for part in page.sections)
     rows = [row for part in page.sections for row in part.rows]
     lacking = board.protocol.spec.answer == "contacts" and not any(
         row.first.name in board.runs for row in rows
     )
-    text = WITHOUT_FRAMES.format(board.name) if lacking else ""
-    return Chapter(re.sub(r"[^a-z0-9-]", "-", board.name), page, figures, text)
+    figures = tuple(_figures(part, board) for part in page.sections)
+    key = re.sub(r"[^a-z0-9-]", "-", board.name)
+    return Chapter(key, page, figures, board.name if lacking else "")
 
 
 def _rendered(
@@ -318,92 +312,22 @@ def _rendered(
     )
 
 
-WORST_ROWS, WORST = 8, 3
-"""Most rows whose worst frames are shown, the best first, and number of frames of each."""
-PAGE_DPI = 100
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Option:
-    """One choice of a panel.
-
-    Attributes:
-        label: Name of the choice.
-        image: The picture, as a data URI.
-        tables: Numbers behind the picture, where no table of the page has them.
-        note: Words below the picture.
-    """
-
-    label: str
-    image: str
-    tables: tuple[Table, ...] = ()
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A figure under a heading, of which one option is shown.
-
-    Attributes:
-        title: The heading.
-        caption: How to read the figure.
-        options: Options of the choice.
-        ask: Name of the choice.
-    """
-
-    title: str
-    caption: str
-    options: tuple[Option, ...]
-    ask: str = "rows"
-
-
-def panels(part: PageSection, board: ReportBoard) -> list[Panel]:
-    """Return the figures of one sensor.
-
-    Args:
-        part: Tables of the sensor.
-        board: Board of the section.
-    """
-    return [panel for panel in _all_panels(part, board) if panel.options]
-
-
-def _all_panels(part: PageSection, board: ReportBoard) -> Iterator[Panel]:
+def _figures(part: PageSection, board: ReportBoard) -> dict[str, tuple[Option, ...]]:
+    """Return the figures of one sensor, by the name of their panel."""
     rows = [row for row in part.rows if not row.trivial]
     error, axes, where = board_spec(board.name).ranking, board.protocol.spec.axes, part.title
-    caption = (
-        "Bars: 95 % over presses, of all seeds. Beside them the same models on sensors that no "
-        "training saw."
-    )
-    yield Panel("Speed against error", caption, _frontiers(part, board), "timed on")
-    series = [line for line in map(distance_series, rows) if len(line.resolved) > 1]
-    yield Panel(
-        "Error against distance",
-        "Means over seeds; bars: 95 % over presses. Hollow: less than half of the pairs were "
-        "resolved, so that the error is one of few. Dashed lines: published means over all "
-        "distances, of another sensor and other presses. Below: share of pairs resolved (exactly "
-        "two contacts predicted, both matched); the large mark is the threshold.",
-        _options(series, partial(distance_figure, published=board.published, measured_on=where)),
-    )
+    pairs = [row for row in rows if len(by_distance(row, "resolved")) > 1]
+    distance = partial(distance_figure, published=board.published, measured_on=where)
+    cases = partial(stability_figure, axes=axes, measured_on=where)
+    found = {
+        "frontier": _frontiers(part, board),
+        "distance": _best(pairs, distance),
+        "cases": _best(rows if axes else (), cases, "png"),
+        "worst": tuple(_worst_frames(rows[:WORST_ROWS], board)),
+    }
     if error is not None:
-        untitled = replace(LEARNING, title="")
-        draw = partial(curve_figure, error=error, caption=untitled, measured_on=where)
-        yield Panel("Learning curve", "Bars: 95 % over presses.", _options(part.curves, draw))
-    if axes:
-        yield Panel(
-            "Error case by case",
-            "Every panel is a family, from the easy case on the left to the hardest on the right.",
-            _options(
-                rows, partial(stability_figure, axes=axes, title="", measured_on=where), "png"
-            ),
-        )
-    yield Panel(
-        "Worst frames",
-        "A ring of the tip's radius at every true contact, a cross at every predicted one. Ordered "
-        "by GOSPA (p = 1), in which a miss costs half the gate.",
-        tuple(_worst_frames(rows[:WORST_ROWS], board)),
-        "model",
-    )
+        found["curve"] = _best(part.curves, partial(curve_figure, error=error, measured_on=where))
+    return found
 
 
 def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
@@ -411,10 +335,8 @@ def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
     return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
 
 
-def _options(
-    rows: Sequence[T],
-    draw: Callable[[Sequence[T]], Figure],
-    kind: Literal["png", "svg"] = "svg",
+def _best(
+    rows: Sequence[T], draw: Callable[[Sequence[T]], Figure], kind: Literal["png", "svg"] = "svg"
 ) -> tuple[Option, ...]:
     """Return a picture of the best rows, as many as can be told apart; () without rows."""
     if not rows:
@@ -436,7 +358,7 @@ def _frontiers(part: PageSection, board: ReportBoard) -> tuple[Option, ...]:
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
             unseen = unseen_frontiers(board.name, part.section, regimes)
-            figure = frontier_figure(regimes, error, unseen=unseen, title="")
+            figure = frontier_figure(regimes, error, unseen=unseen)
             tables = tuple(frontier_table(regime, error) for regime in regimes)
             options.append(Option(words, _image(figure), tables, note))
     return tuple(options)
@@ -449,28 +371,26 @@ def _worst_frames(rows: Sequence[Row], board: ReportBoard) -> Iterator[Option]:
         run = board.runs.get(row.first.name)
         if run is None:
             continue
-        try:
-            arrays = RunArrays(run, spec)
-            frames = [int(k) for k in arrays.examples["index"]]
-            trials = Trials(
-                tuple(arrays.contacts[k] for k in frames),
-                tuple(arrays.predicted[k] for k in frames),
-                arrays.truth["press"][frames],
-                tuple(str(arrays.truth["group"][k]) for k in frames),
-                max_depth=spec.workspace.depth_max_mm,
-                gate=spec.test.gate_mm,
-                level=spec.test.level,
-            )
-            errors = gospa_per_frame(trials, 1).values
-            examples = [
-                (f"{trials.press[k]}: {errors[k]:.3f} mm", arrays.example(frames[k]))
-                for k in np.argsort(-errors, kind="stable")[:WORST]
-            ]
-            image = _image(contacts_figure(examples), "png")
-        except (UserError, KeyError, ValueError, IndexError):
-            continue  # a run with damaged arrays keeps its other figures
+        arrays = RunArrays(run, spec)
+        if "images" not in arrays.examples:  # a reader could not interpret a picture of channels
+            continue
+        frames = [int(k) for k in arrays.examples["index"]]
+        trials = Trials(
+            tuple(arrays.contacts[k] for k in frames),
+            tuple(arrays.predicted[k] for k in frames),
+            arrays.truth["press"][frames],
+            tuple(str(arrays.truth["group"][k]) for k in frames),
+            max_depth=spec.workspace.depth_max_mm,
+            gate=spec.test.gate_mm,
+            level=spec.test.level,
+        )
+        errors = gospa_per_frame(trials, 1).values
+        examples = [
+            (f"{trials.press[k]}: {errors[k]:.3f} mm", arrays.example(frames[k]))
+            for k in np.argsort(-errors, kind="stable")[:WORST]
+        ]
         note = (
             f"Seed {row.seeds[0]}, of the {len(frames)} frames that the run stored; "
             f"{len(arrays.contacts):,} were tested."
         )
-        yield Option(row.label, image, note=note)
+        yield Option(row.label, _image(contacts_figure(examples), "png"), note=note)

@@ -25,8 +25,7 @@ from tactibench.errors import UserError, did_you_mean
 from tactibench.frames import D_PRIME, FALSELY_SEEN, SEEN
 from tactibench.plugins import PluginHost, Sensor, SensorContext, SensorSpec, Value
 from tactibench.report.frame_plots import extent, millimetres
-from tactibench.report.plot_data import PlotData
-from tactibench.report.style import HEAT, headline, in_own_style, new_figure
+from tactibench.report.style import HEAT, PlotData, headline, in_own_style, new_figure
 from tactibench.report.tables import Cell, Column, Head, Number, Table, table
 from tactibench.run import Reporter
 
@@ -77,22 +76,19 @@ def limit_data(
         raise UserError(f"there is no scene {scene!r}; take 'single' or 'dual'.")
     if scene == "single" and (spacing is not None or yaw is not None):
         raise UserError("--spacing and --yaw belong to two tips; add --scene dual.")
-    distance, turn = SPACING_MM if spacing is None else spacing, yaw or 0.0
+    distance = SPACING_MM if spacing is None else spacing
     depths = tuple(map(float, depths))
-    if not depths:
-        raise UserError("there is no depth to press to; name one or more, such as 1, 3, 6.")
-    lengths = [("radius", radius), ("spacing", distance), ("step", step)]
-    for quantity, value in [*lengths, *(("depth", depth) for depth in depths)]:
-        if not (value > 0 and math.isfinite(value)):
+    least = min(depths, default=0.0)
+    positive = {"radius": radius, "spacing": distance, "step": step, "depth": least}
+    for quantity, value in positive.items():
+        if not value > 0:
             raise UserError(f"{quantity} {value:g} mm is not above 0; take a positive number.")
-    if not (reach >= 0 and math.isfinite(reach) and math.isfinite(turn)):
-        raise UserError("the range must not be below 0 mm, and the yaw must be finite.")
     spec = PluginHost().sensors[name]
     settings = spec.settings(dict(params))
     sensor = _sensor(spec, settings)
     indenter = Indenter.single(radius) if scene == "single" else Indenter.dual(distance, radius)
     unknown, grid = _nuisances(sensor, nuisances), _grid(reach, step)
-    request = LimitRequest(indenter, grid, depths, turn, unknown)
+    request = LimitRequest(indenter, grid, depths, yaw or 0.0, unknown)
     with reporter.task("Cramer-Rao bounds", request.presses) as advance:
         maps = map_limits(sensor, request, advance)
     defaults = spec.defaults(settings)
@@ -105,7 +101,7 @@ def limit_data(
         tables.append(spacing_table(maps))
         remarks += spacing_remarks(maps)
     draw = partial(limit_figure, maps, measured_on=subject)
-    return PlotData("", subject, tuple(tables), limit_rows(maps), draw, tuple(remarks))
+    return PlotData(subject, tuple(tables), limit_rows(maps), draw, tuple(remarks))
 
 
 def _sensor(spec: SensorSpec, values: Mapping[str, Value]) -> Sensor:
@@ -162,23 +158,18 @@ def _description(request: LimitRequest) -> str:
 
 def limit_table(maps: LimitMaps) -> Table:
     """Return the quantiles over the workspace, um, with one row per depth and quantity."""
-    rows: list[list[Cell]] = []
-    last = None
-    for line in summary(maps):
-        depth = "" if line["depth"] == last else f"{line['depth']:g}"
-        rows.append([depth, line["quantity"], *_quantiles(line, micrometres)])
-        last = line["depth"]
+    rows: list[list[Cell]] = [
+        [f"{line['depth']:g}", line["quantity"], *_quantiles(line, micrometres)]
+        for line in summary(maps)
+    ]
     title = "Cramer-Rao bound: smallest standard deviation, um"
     return table(("depth, mm", "sd of", *QUANTILES), rows, title=title)
 
 
 def spacing_table(maps: LimitMaps) -> Table:
     """Return the spacings from which two tips differ from one, mm, with one row per depth."""
-
-    def millimetre(value: float) -> str:
-        return "none" if math.isinf(value) else f"{value:.2f}"
-
-    rows = [[f"{line['depth']:g}", *_quantiles(line, millimetre)] for line in spacing_summary(maps)]
+    write = "{:.2f}".format
+    rows = [[f"{line['depth']:g}", *_quantiles(line, write)] for line in spacing_summary(maps)]
     title = "Two tips differ from one from this spacing on, mm"
     return table(("depth, mm", *QUANTILES), rows, title=title)
 
@@ -186,8 +177,8 @@ def spacing_table(maps: LimitMaps) -> Table:
 def _quantiles(line: Mapping[str, Any], write: Callable[[float], str]) -> Iterator[Cell]:
     """Yield the cells of QUANTILES."""
     for name in ("middle", "median", "p90", "worst"):
-        value = line.get(name)
-        yield None if value is None or math.isnan(value) else Number(value, write)
+        value = line.get(name, math.nan)
+        yield None if math.isnan(value) else Number(value, write)
     yield "{:+.1f}, {:+.1f}".format(*line["worst_at"]) if "worst_at" in line else ""
     yield f"{line['n']:,}"
 

@@ -28,7 +28,6 @@ from tactibench.report.tables import (
     NAMES,
     NO_INTERVAL,
     PERCENT,
-    Caption,
     Cell,
     Column,
     Head,
@@ -90,10 +89,7 @@ def print_summary(
         board: Folder of the board.
     """
     headline = headline_table(record)
-    console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
-    count = plural(record.data.test, "test frame")
-    who = f"{run_label(record)}, {measured_on(record)}, seed {record.seed}: {count}"
-    console.print(Text(who))
+    _print_title(console, record, plural(record.data.test, "test frame"))
     _print_warning(console, record)
     print_table(console, headline)
     if lacks_interval(headline):
@@ -112,13 +108,7 @@ def headline_table(record: Record) -> Table:
     spec = board_spec(record.protocol.label)
     run_table = next((columns for columns in spec.run_tables if columns.groups), None)
     if run_table is not None:
-        units = {metric.metric: metric.unit for metric in record.metrics}
-        names = ["", *(named(name, units.get(name, "")) for name in run_table.metrics)]
-        return table(
-            names,
-            measured_rows(run_table, record)[0],
-            title=f"{run_table.title}: value [95 % interval]",
-        )
+        return measured_table(run_table, record)
     over_all = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
     if spec.headline is not None:
         first = (spec.headline.metric, spec.headline.group)
@@ -250,14 +240,15 @@ def print_run(
         console.print()
         for line in _totals(record):
             console.print(Text(line))
-    main = [
-        _main_table(run_table, record, published)
-        for run_table in spec.run_tables
-        if run_table.compared or measured_rows(run_table, record)[1]
-    ]
-    for shown in main:
-        console.print()
-        print_table(console, shown)
+    main = []
+    for run_table in spec.run_tables:
+        measured = measured_table(run_table, record)
+        tables = [measured, *_published_tables(run_table, record, published)]
+        for k, one in enumerate(filter(_has_value, tables)):
+            if not k:
+                console.print()
+            print_table(console, one)
+        main.append(measured)
     if line := error_line(record):
         console.print(Text(line))
     for note in filter(None, (spec.note, *_comparability(record, published))):
@@ -276,65 +267,58 @@ def print_run(
     console.print(Text(f"record: {path}"), soft_wrap=True)
 
 
-def _print_heading(console: Console, record: Record) -> None:
-    data, tested = record.data, record.test_sensor
-    encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
+def _print_title(console: Console, record: Record, more: str) -> None:
     console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
-    console.print(
-        Text(f"{run_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}")
-    )
-    why = "rejected by geometry" if record.sensor.recording is None else "of other ranges or tips"
-    rejected = f"; {data.rejected:,} {why}" if data.rejected else ""
+    who = f"{run_label(record)}, {measured_on(record)}, seed {record.seed}: {more}"
+    console.print(Text(who))
+
+
+def _print_heading(console: Console, record: Record) -> None:
+    data, tested, training = record.data, record.test_sensor, record.training
+    encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
+    _print_title(console, record, encoder)
+    lines = []
     if record.sensor.range is not None:
-        console.print(Text(f"pressed in its {record.sensor.range.text()}"))
+        lines.append(f"pressed in its {record.sensor.range.text()}")
     frames = ""
     if tested is not None and tested.presses != data.test:
         frames = f"frames of {tested.presses:,} "
-    console.print(
-        Text(
-            f"{data.train:,} training, {data.validation:,} validation, "
-            f"{data.test:,} test {frames}presses{rejected}"
-        )
+    why = "rejected by geometry" if record.sensor.recording is None else "of other ranges or tips"
+    rejected = f"; {data.rejected:,} {why}" if data.rejected else ""
+    lines.append(
+        f"{data.train:,} training, {data.validation:,} validation, "
+        f"{data.test:,} test {frames}presses{rejected}"
     )
-    training = record.training
     if training.epochs:
         when = "weights reused, trained" if training.reused else "trained"
-        console.print(
-            Text(
-                f"{when} {training.epochs} epochs on {training.presses:,} "
-                f"presses in {duration(training.seconds or 0.0)}"
-            )
-        )
+        time = duration(training.seconds or 0.0)
+        lines.append(f"{when} {training.epochs} epochs on {training.presses:,} presses in {time}")
     if mixed := training.notes.get("mixed"):
-        console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
+        lines.append(f"and on {mixed:,} frames mixed out of single presses")
     if (prior := training.prior) not in ("none", None):
-        console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
+        lines.append(f"prior knowledge of contacts that press together: {prior}")
+    for line in lines:
+        console.print(Text(line))
     _print_warning(console, record)
 
 
-def _main_table(run_table: RunTable, record: Record, published: Sequence[PublishedTable]) -> Table:
-    """Return a table of this run and of published rows, each below a caption."""
-    rows, shown = measured_rows(run_table, record)
-    n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
-    head = f"measured here: {run_label(record)}, {measured_on(record)}"
-    captions: dict[int, tuple[Caption, ...]] = {}
-    if rows:
-        captions[0] = (Caption(head, "cyan"), Caption(f"n {n}, presses {presses}", "italic"))
-    for paper in published if run_table.compared else ():
-        head = f"published: {paper.measured_on} ({paper.name} {paper.year})"
-        for k, row in enumerate(rows_for(record.protocol.id, paper)):
-            if printed := _printed_rows(run_table, row):
-                label = Caption(_published_label(row), "italic")
-                captions[len(rows)] = (label,) if k else (Caption(head, "magenta"), label)
-                rows += printed
+def _has_value(shown: Table) -> bool:
+    return any(isinstance(cell, Number) for row in shown.rows for cell in row)
+
+
+def _published_tables(
+    run_table: RunTable, record: Record, published: Sequence[PublishedTable]
+) -> Iterator[Table]:
+    """Yield the values of every published row, in the columns of a table of this run."""
     names = ["", *(HEADS[metric] for metric in run_table.metrics)]
-    title = f"{run_table.title}: value [95 % interval]"
-    return replace(table(names, rows, title=title), captions=captions)
-
-
-def _published_label(row: PublishedRow) -> str:
-    count = f", n {row.n:,} {row.unit}" if row.n else ""
-    return f"{row.label}: {row.source.split(',')[0]}{count}"
+    for paper in published if run_table.compared else ():
+        for row in rows_for(record.protocol.id, paper):
+            count = f", n {row.n:,} {row.unit}" if row.n else ""
+            title = (
+                f"published: {row.label}, {row.source.split(',')[0]}{count}; {paper.measured_on} "
+                f"({paper.name} {paper.year})"
+            )
+            yield table(names, _printed_rows(run_table, row), title=title)
 
 
 def _printed_rows(run_table: RunTable, row: PublishedRow) -> list[list[Cell]]:
@@ -451,8 +435,8 @@ def lacks_interval(shown: Table) -> bool:
     return any(isinstance(cell, Number) and str(cell).endswith(NO_INTERVAL) for cell in cells)
 
 
-def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]], list[Metric]]:
-    """Return the rows of a main table, one a group, and the metrics in them."""
+def measured_table(run_table: RunTable, record: Record) -> Table:
+    """Return a main table: a row a group, with the counts behind its values in the title."""
     metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
     distances = {
         group: distance
@@ -460,94 +444,57 @@ def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]]
         if name in run_table.metrics and (distance := condition(group)) is not None
     }
     groups = run_table.groups or sorted(distances, key=distances.__getitem__)
-    shown = {
-        name: [metrics[name, group] for group in groups if (name, group) in metrics]
-        for name in run_table.metrics
-    }
-    decimals = {name: _decimals(run_table, name, shown[name]) for name in shown}
+    columns = {name: [metrics.get((name, group)) for group in groups] for name in run_table.metrics}
     rows: list[list[Cell]] = [
-        [group, *(metric_cell(metrics.get((name, group)), decimals[name]) for name in shown)]
-        for group in groups
+        [group, *(metric_cell(columns[name][k], d) for name, d in run_table.metrics.items())]
+        for k, group in enumerate(groups)
     ]
-    return rows, [metric for column in shown.values() for metric in column]
+    shown = [metric for column in columns.values() for metric in column if metric is not None]
+    units = {metric.metric: metric.unit for metric in shown}
+    # Four columns by distance fit a terminal under their short heads alone.
+    short = {} if run_table.groups else HEADS
+    names = ["", *(short.get(name, named(name, units.get(name, ""))) for name in columns)]
+    presses = span([metric.clusters for metric in shown])
+    title = f"{run_table.title}: value [95 % interval], {presses} presses"
+    return table(names, rows, title=title)
 
 
 def metric_cell(metric: Metric | None, decimals: int) -> Number | None:
-    """Return the number of a metric, with its interval where that tells something."""
+    """Return the number of a metric with its interval; a bound is a tested distance: "< 6.5"."""
     value = metric_number(metric, decimals)
-    if value is None or metric is None:
-        return None
-    if metric.metric == "r2" and value.ends == (value.text, value.text):
-        return replace(value, interval=None)  # R2 of 1.0000 [1.0000, 1.0000]
-    # A bound is a tested distance, which is written without further digits: "< 6.5".
-    return replace(value, write=general) if value.bound else value
-
-
-def _decimals(run_table: RunTable, name: str, shown: Sequence[Metric]) -> int:
-    """Return the decimals; by distance one less where values reach 1 mm or 10 deg.
-
-    So the tables of two-point discrimination fit 80 columns.
-    """
-    decimals = run_table.metrics[name]
-    if run_table.groups:
-        return decimals
-    if is_share(name):
-        return decimals + any(row.n > 100 and row.value is not None for row in shown)
-    tops = (row.value if row.high is None else row.high for row in shown)
-    top = max((top for top in tops if top is not None), default=0.0)
-    return decimals - (top >= (10.0 if name.endswith("_deg") else 1.0))
+    return replace(value, write=general) if value is not None and value.bound else value
 
 
 def _print_speed(console: Console, record: Record, published: Sequence[PublishedTable]) -> None:
     """Print the time of one frame, every timed phase, and the cost of the model."""
     facts = record.environment
-    times = [
-        f"{number(row.p90_ms, 2)} ms on {plural(row.threads, 'thread')}"
-        for row in record.speed
-        if row.scenario == "single" and row.phase == "total"
-    ]
     console.print()
-    console.print(Text("Speed", style="bold"))
-    console.print(Text(f"one frame to contacts, p90: {', '.join(times) or 'not timed'}"))
+    console.print(Text(speed_line(record)), soft_wrap=True)
     machine = f"{facts.cpu}, {plural(facts.threads, 'thread')}, fingerprint {facts.fingerprint}"
     console.print(Text(machine, style="dim"))
     if record.speed:
         print_table(console, _phases(record.speed))
-        unsettled = dict.fromkeys(
-            f"{row.scenario} (batch {row.batch}, {plural(row.threads, 'thread')})"
-            for row in record.speed
-            if not settled_time(row)
-        )
-        if unsettled:
-            text = (
-                f"NOT SETTLED: times of {', '.join(unsettled)} still drifted, or something else "
-                "computed meanwhile"
-            )
-            console.print(Text(text, style="yellow"))
     if record.efficiency:
         console.print(Text(_cost(record)))
-    for paper in published:
-        for row in rows_for(record.protocol.id, paper):
-            if row.speed:
-                text = (
-                    f"published: {row.label}, {row.speed.phase} {row.speed.per_s:g} per s on "
-                    f"{row.speed.hardware}, another machine"
-                )
-                console.print(Text(text, style="magenta"))
+    for row in (row for paper in published for row in rows_for(record.protocol.id, paper)):
+        if row.speed:
+            text = (
+                f"published: {row.label}, {row.speed.phase} {row.speed.per_s:g} per s on "
+                f"{row.speed.hardware}, another machine"
+            )
+            console.print(Text(text, style="magenta"))
 
 
 def _phases(speed: Sequence[SpeedRow]) -> Table:
     """Return the times of every phase for single frames, and of the whole call for batches."""
     rows: list[list[Cell]] = []
-    last: tuple[str, ...] = ()
     for row in speed:
         if row.scenario == "offline" and row.phase != "total":
             continue
-        key = (row.scenario, str(row.batch), str(row.threads))
+        mark = "" if settled_time(row) else "*"
         times = (Number(value, fixed(2)) for value in (row.p50_ms, row.p90_ms, row.p99_ms))
-        rate = f"{row.per_s:,.0f}" if row.phase == "total" else ""
-        rows.append([*(("", "", "") if key == last else key), row.phase, *times, rate])
-        last = key
+        rate = f"{row.per_s:,.0f}{mark}" if row.phase == "total" else ""
+        rows.append([row.scenario, str(row.batch), str(row.threads), row.phase, *times, rate])
     times_heads = map(Column, ("p50 ms", "p90 ms", "p99 ms", "frames/s"))
     heads: list[Head] = ["scenario", "batch", "threads", "phase", *times_heads]
     return table(heads, rows)

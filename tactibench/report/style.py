@@ -12,7 +12,7 @@ import hashlib
 import io
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, ParamSpec
@@ -25,6 +25,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from tactibench.records import atomic
+from tactibench.report.tables import Table
 
 BLACK = "#000000"
 ORANGE = "#E69F00"
@@ -192,10 +193,52 @@ def image_bytes(figure: Figure, kind: Literal["png", "svg"], dpi: int = DPI) -> 
     return stream.getvalue()
 
 
-def error_bars(
-    values: Sequence[float], lows: Sequence[float | None], highs: Sequence[float | None]
-) -> list[list[float]]:
-    """Return bars down and up for matplotlib; an end that is not known has no bar."""
-    down = [v - (v if low is None else low) for v, low in zip(values, lows, strict=True)]
-    up = [(v if high is None else high) - v for v, high in zip(values, highs, strict=True)]
-    return [down, up]
+def draw_line(
+    axes: Axes,
+    x: Sequence[float],
+    errors: Sequence[tuple[float, float | None, float | None]],
+    look: Look,
+    label: str = "",
+    **sizes: float,
+) -> None:
+    """Draw values with the bars of their intervals, connected in the look of a row.
+
+    Args:
+        axes: Where to draw.
+        x: Places of the values.
+        errors: Value, low and high end; an end that is not known has no bar.
+        look: Colour, marker and line.
+        label: Name in the legend.
+        sizes: Line and marker sizes other than the usual ones.
+    """
+    down = [value - (value if low is None else low) for value, low, _ in errors]
+    up = [(value if high is None else high) - value for value, _, high in errors]
+    usual: dict[str, Any] = {"linewidth": 1.6, "elinewidth": 1.1, "capsize": 2.5, "markersize": 5.5}
+    axes.errorbar(
+        x,
+        [value for value, _, _ in errors],
+        [down, up],
+        linestyle=look.line,
+        label=label,
+        **(usual | sizes),
+        **look.points,
+    )
+
+
+@dataclass(frozen=True)
+class PlotData:
+    """A figure, drawn on request, with its numbers.
+
+    Attributes:
+        subject: Protocol, sensor and machine.
+        tables: The numbers, as a reader sees them.
+        rows: The numbers, one mapping a point.
+        draw: Draws the figure.
+        remarks: Sentences on how to read the numbers, and what they leave out.
+    """
+
+    subject: str
+    tables: tuple[Table, ...]
+    rows: list[dict[str, Any]] = field(repr=False)
+    draw: Callable[[], Figure] = field(repr=False)
+    remarks: tuple[str, ...] = ()

@@ -1,15 +1,15 @@
 """The table of the whole program: columns, and rows of typed cells; and its form on a terminal.
 
 A cell is a fact: a number with its interval, or a text. It becomes text where it is shown: on a
-terminal here, on a page in ``tactibench.report.markdown`` and in the templates.
+terminal here, on a page in ``tactibench.report.pages`` and in the templates.
 """
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -29,8 +29,6 @@ MISSING = "n/a"
 NO_INTERVAL = "[none]"
 """Text that stands behind a value from which no interval can be made."""
 PERCENT = 100.0
-NARROWEST = 80
-"""Width, in characters, of lines of words where there is no terminal."""
 WORDS = 28
 """Width, in characters, at which words are broken where a table is wider than the terminal."""
 
@@ -120,14 +118,6 @@ Head = Column | str
 
 
 @dataclass(frozen=True)
-class Caption:
-    """A line above a row of a table: its words, and their style on a terminal."""
-
-    text: str
-    style: str = ""
-
-
-@dataclass(frozen=True)
 class Table:
     """A table.
 
@@ -136,7 +126,6 @@ class Table:
         rows: Cells, as many in each row as there are columns.
         title: The heading.
         notes: Sentences below the table; `backticks` mark code.
-        captions: Lines above rows, by the number of the row.
         anchors: A name for every row, to which a page can be linked; () for none.
     """
 
@@ -144,7 +133,6 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     title: str = ""
     notes: tuple[str, ...] = ()
-    captions: Mapping[int, tuple[Caption, ...]] = field(default_factory=dict)
     anchors: tuple[str, ...] = ()
 
 
@@ -167,7 +155,7 @@ def table(
     """
     columns = tuple(Column(head, right=False) if isinstance(head, str) else head for head in heads)
     cells = tuple(tuple(row) for row in rows)
-    return Table(columns, cells, title, tuple(filter(None, notes)), anchors=tuple(anchors))
+    return Table(columns, cells, title, tuple(filter(None, notes)), tuple(anchors))
 
 
 def metric_number(
@@ -203,7 +191,7 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def terminal_text(table: Table, width: int | None = None) -> Line:
-    """Return heads, captions and rows, in which no number is ever cut off.
+    """Return heads and rows, in which no number is ever cut off.
 
     Where the table is wider than the terminal, words are broken, then columns are left out from the
     right; a last line names them.
@@ -225,10 +213,6 @@ def terminal_text(table: Table, width: int | None = None) -> Line:
     lines = _lines(heads[:count], table.columns, _widths(heads, columns), "dim")
     lines = lines if any(column.head for column in table.columns) else []
     for number in range(len(table.rows)):
-        for caption in table.captions.get(number, ()):
-            texts = (text for text in caption.text.split("\n") if text)
-            wrapped = (textwrap.fill(text, width or NARROWEST) for text in texts)
-            lines += [Line(text, style=caption.style) for text in wrapped]
         cells = [column[number] for column in columns[:count]]
         lines += _lines(cells, table.columns, _widths(heads, columns), "")
     if left_out := [column.head for column in table.columns[count:]]:

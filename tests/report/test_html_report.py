@@ -65,7 +65,7 @@ def test_partial_runs_are_counted_and_left_out(tmp_path, fabricate):
         store_run(tmp_path / "runs", record, parts)
     made = gather(tmp_path / "runs", tmp_path)
     assert names(made) == {"exp1": 1}
-    assert "Left out: 1 partial run." in made.origin
+    assert "Left out: 1 partial, other or older run." in made.origin
 
 
 def test_ranks_rest_on_the_same_errors_as_a_board(store, tmp_path):
@@ -76,19 +76,18 @@ def test_ranks_rest_on_the_same_errors_as_a_board(store, tmp_path):
         np.testing.assert_array_equal(board.errors[name].error, wanted["ranked.error"])
 
 
-def test_a_run_without_its_arrays_is_shown_by_its_record(tmp_path, fabricate):
+def test_a_damaged_run_is_named(tmp_path, fabricate):
     run = store_run(tmp_path / "runs", fabricate(), contact_parts())
     (run.folder / "predictions.npz").unlink()
-    (board,) = gather(tmp_path / "runs", tmp_path).boards
-    assert len(board.records) == 1
-    assert board.errors == {}
+    with pytest.raises(UserError, match=r"predictions\.npz does not exist"):
+        gather(tmp_path / "runs", tmp_path)
 
 
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
         ({"protocols": ("exp9",)}, "unknown protocol 'exp9'"),
-        ({"origin": "runs"}, "holds no complete run"),
+        ({"origin": "runs"}, "no complete run to show in .*runs; run a protocol"),
         ({"origin": "board"}, "there is no board in"),
     ],
 )

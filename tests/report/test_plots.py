@@ -261,13 +261,22 @@ figure.dpi: 10
 def test_the_settings_of_a_user_change_no_picture(tmp_path: Path) -> None:
     """A notebook's backend, and a style file made for a paper."""
     (tmp_path / "matplotlibrc").write_text(HOSTILE_STYLE, encoding="utf-8")
-    code = (
-        "import sys, hashlib, numpy as np; from tactibench.report import single_figure, save_png;"
-        "from pathlib import Path; save_png(single_figure(np.ones((5, 3)), np.ones((5, 3)) + .1), "
-        "Path(sys.argv[1])); sys.exit('matplotlib.pyplot' in sys.modules)"
-    )
-    own = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MATPLOTLIBRC": str(tmp_path)}
+    code = """
+import sys, numpy as np
+from pathlib import Path
+from tactibench.cli.main import run
+picture = Path(sys.argv.pop())
+try:
+    run()
+except SystemExit:
+    from tactibench.report import save_png, single_figure
+    save_png(single_figure(np.ones((5, 3)), np.ones((5, 3)) + 0.1), picture)
+sys.exit("matplotlib.pyplot" in sys.modules)
+"""
+    own = {"MPLBACKEND": "module://of.a.notebook", "MATPLOTLIBRC": str(tmp_path)}
     for name, environment in (("plain.png", {}), ("hostile.png", own)):
         command = [sys.executable, "-c", code, str(tmp_path / name)]
-        subprocess.run(command, check=True, env={**os.environ, **environment})
+        subprocess.run(
+            command, check=True, env={**os.environ, **environment}, stdout=subprocess.DEVNULL
+        )
     assert (tmp_path / "plain.png").read_bytes() == (tmp_path / "hostile.png").read_bytes()

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from report_material import HOSTILE
 
 from tactibench.report import (
-    Caption,
     Column,
     Number,
     Table,
@@ -92,7 +91,6 @@ def test_values_stand_under_each_other_whatever_follows_them():
 WIDE = Table(
     (Column("model", right=False), *map(Column, ("first error, mm", "second", "third"))),
     tuple((f"model number {k} with its {k} settings", "1.0", "2.0", "3.0") for k in range(2)),
-    captions={1: (Caption("a line above the second row"),)},
 )
 
 

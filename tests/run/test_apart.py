@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ import pytest
 from tactibench.metrics.detection import gospa
 from tactibench.protocols import load_protocol
 from tactibench.records import StoredRun, unpack_contacts
-from tactibench.report import RunArrays
 from tactibench.run import NullReporter, RunPlan, TestFrames, TestOptions, rescore
 
 MAIN, BETWEEN, UNEVEN, UNSEEN = 2 * 12 + 4, 11, 8, 2 * 12
@@ -111,13 +109,3 @@ def test_the_main_frames_are_those_that_are_timed(
     test = TestFrames.open(planned(str(exp2), sensor="several"), NullReporter())
     assert test.main_frames == MAIN
     assert len(test.frames) == MAIN + BETWEEN + UNEVEN + UNSEEN
-
-
-def test_a_frame_that_is_scored_apart_has_no_true_surface() -> None:
-    maps = {"maps": np.ones((3, 4, 4)), "surface": np.ones((2, 4, 4))}
-    run = SimpleNamespace(arrays=lambda _: maps)
-    arrays = RunArrays(run, load_protocol("exp2").spec)  # type: ignore[arg-type]
-    assert arrays.map_of(1, "surface") is not None
-    assert arrays.map_of(2, "surface") is None
-    assert arrays.map_of(2) is not None
-    assert arrays.map_of(0, "floor") is None
