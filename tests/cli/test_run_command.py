@@ -25,7 +25,7 @@ def test_a_run_prints_ten_lines_and_all_on_demand(cli: Callable[..., Any], tmp_p
     assert len(results) <= 15  # two of them: partial, and no interval
     assert not any(line.startswith("published") for line in results)
     full = cli(f"{RUN} --full")[1]
-    for text in ("published: ", "Also measured", "Speed\n", "picture: ", "place: "):
+    for text in ("published: ", "Also measured", "scenario", "record: ", "place: "):
         assert text in full
     quiet = cli(f"{RUN} --quiet")
     assert quiet == cli(f"--quiet {RUN}")
