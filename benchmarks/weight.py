@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (813, 11),
     "tactibench/board": (2015, 11),
     "tactibench/cli": (2240, 12),
-    "tactibench/datasets": (3519, 17),
+    "tactibench/datasets": (3391, 17),
     "tactibench/frames": (1843, 11),
     "tactibench/live": (430, 4),
     "tactibench/markers": (1743, 8),

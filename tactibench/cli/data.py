@@ -203,12 +203,6 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
 @data.command("import", short_help="read a recording into a data set")
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option(
-    "--format",
-    "format_",
-    metavar="NAME",
-    help="bristol or csv; default: what the folder looks like.",
-)
 @param_option("NAME=VALUE", "Say where labels are and what they mean; --params lists them.")
 @click.option(
     "--params",
@@ -231,7 +225,6 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
 def import_folder(
     source: Path,
     target: Path,
-    format_: str | None,
     params: tuple[str, ...],
     guess: bool,
     mapping: Path | None,
@@ -271,7 +264,7 @@ def import_folder(
         for line in guessed.text().splitlines()[2:]:
             terminal.say(f"  {line}")
     options = read_options(params) if mapping is None else read_mapping(mapping, params)
-    recording = open_recording(source, options, format_)
+    recording = open_recording(source, options)
     with terminal.task("import", len(recording)) as advance:
         dataset = read_into(recording, target, options, advance)
     known = sum(sample.scene is not None for sample in dataset.samples)

@@ -12,11 +12,9 @@ from .files import Row as Row
 from .files import Split as Split
 from .files import write_row as write_row
 from .files import write_split as write_split
-from .folder import frame_names as frame_names
 from .folder import import_folder as import_folder
 from .folder import open_recording as open_recording
-from .formats import FORMATS as FORMATS
-from .formats import find_format as find_format
+from .formats import frame_names as frame_names
 from .generation import Advance as Advance
 from .generation import GenerationRequest as GenerationRequest
 from .generation import Press as Press
@@ -31,7 +29,6 @@ from .generation import press_rows as press_rows
 from .generation import press_series as press_series
 from .generation import sensor_parameters as sensor_parameters
 from .generation import sensor_source as sensor_source
-from .labels import LETTERED as LETTERED
 from .labels import indentation as indentation
 from .labels import own_workspace as own_workspace
 from .mapping import guess_mapping as guess_mapping

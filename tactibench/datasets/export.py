@@ -7,7 +7,7 @@ The feature types stand in the schema's metadata under ``huggingface``, so that
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from tactibench.datasets.dataset import Dataset, Image
-from tactibench.datasets.files import MOVE_KEYS, POSE_KEYS, SUBSETS, write_row
+from tactibench.datasets.files import SUBSETS, write_row
 from tactibench.datasets.schema import HEADER, Sample
 from tactibench.datasets.writer import new_folder
 from tactibench.errors import UserError, did_you_mean
@@ -83,7 +83,8 @@ def export_dataset(
         ) from None
     subsets = select_samples(dataset, split)
     samples = [sample for group in subsets.values() for sample in group]
-    schema = _schema(samples, images=isinstance(dataset.header.kind, ImageKind))
+    images = isinstance(dataset.header.kind, ImageKind)
+    schema = _schema(_rows(dataset, samples), images=images)
     with new_folder(target, dataset.folder) as folder:
         (folder / "data").mkdir()
         for subset, members in subsets.items():
@@ -95,7 +96,7 @@ def export_dataset(
                     advance(len(group))
         (folder / HEADER_COPY).write_bytes((dataset.folder / HEADER).read_bytes())
         rest = dataset.rest
-        if rest is not None and isinstance(dataset.header.kind, ImageKind):
+        if rest is not None and images:
             (folder / REST).write_bytes(encode_png(cast("Image", rest)))
         elif rest is not None:
             np.save(folder / REST_CHANNELS, rest)
@@ -138,45 +139,33 @@ def select_samples(dataset: Dataset, split: str | None) -> dict[str, tuple[Sampl
     return {subset: samples for subset, samples in subsets.items() if samples}
 
 
-def _schema(samples: Sequence[Sample], *, images: bool) -> pa.Schema:
-    """Return the types of the columns that the samples have, with the types of ``datasets``."""
+def _rows(dataset: Dataset, samples: Sequence[Sample]) -> list[dict[str, Any]]:
+    """Return the columns of samples but for their signals: the keys of the journal."""
+    rows = []
+    for sample in samples:
+        row = json.loads(write_row(sample, dataset.header.dome_radius_mm))
+        del row["file_name"], row["status"]
+        if "extra" in row:
+            row["extra"] = json.dumps(row["extra"], ensure_ascii=False)
+        rows.append(row)
+    return rows
+
+
+def _schema(rows: Sequence[dict[str, Any]], *, images: bool) -> pa.Schema:
+    """Return the types of signal and rows, and beside them the types of ``datasets``."""
     import pyarrow as pa
 
-    number, text = pa.float64(), pa.string()
-    signal: Mapping[str, pa.DataType] = {"channels": pa.list_(pa.float32())}
+    signal = pa.field("channels", pa.list_(pa.float32()))
     if images:
-        signal = {"image": pa.struct({"bytes": pa.binary(), "path": text})}
-    columns: dict[str, pa.DataType] = {
-        **signal,
-        "id": pa.int64(),
-        **dict.fromkeys(("sha256", "press", "session"), text),
-        "attempt": pa.int64(),
-    }
-    if any(sample.t_frame_ns is not None for sample in samples):
-        columns["t_frame_ns"] = pa.int64()
-    scenes = [sample.scene for sample in samples if sample.scene is not None]
-    if scenes:
-        moves = MOVE_KEYS if any(scene.pose.moved for scene in scenes) else ()
-        columns |= {
-            "indenter": text,
-            "indenter_radius_mm": number,
-            "indenter_offsets_mm": pa.list_(pa.list_(number)),
-            **dict.fromkeys((*POSE_KEYS, *moves), number),
-            "n_contacts": pa.int64(),
-            "contacts_xy_mm": pa.list_(pa.list_(number)),
-            "contacts_depth_mm": pa.list_(number),
-        }
-    labels = dict.fromkeys(name for sample in samples for name in sample.labels)
-    if labels:
-        columns["labels"] = pa.struct(dict.fromkeys(labels, number))
-    if any(sample.extra for sample in samples):
-        columns["extra"] = text
+        signal = pa.field("image", pa.struct({"bytes": pa.binary(), "path": pa.string()}))
+    names = dict.fromkeys(name for row in rows for name in row)
+    fields = [signal, *(pa.field(n, pa.array([row.get(n) for row in rows]).type) for n in names)]
     features = {
-        name: {"_type": "Image"} if name == "image" else _feature(kind)
-        for name, kind in columns.items()
+        field.name: {"_type": "Image"} if field.name == "image" else _feature(field.type)
+        for field in fields
     }
     metadata = json.dumps({"info": {"features": features}}, ensure_ascii=False)
-    return pa.schema(columns, metadata={"huggingface": metadata})
+    return pa.schema(fields, metadata={"huggingface": metadata})
 
 
 def _feature(kind: pa.DataType) -> Any:
@@ -194,15 +183,11 @@ def _feature(kind: pa.DataType) -> Any:
 def _table(dataset: Dataset, samples: Sequence[Sample], schema: pa.Schema) -> pa.Table:
     import pyarrow as pa
 
-    rows = []
-    for sample in samples:
-        row = json.loads(write_row(sample, dataset.header.dome_radius_mm))
-        name = Path(row.pop("file_name")).name
+    rows = _rows(dataset, samples)
+    for row, sample in zip(rows, samples, strict=True):
         if "image" in schema.names:
+            name = Path(sample.file_name).name
             row["image"] = {"bytes": dataset.stored_bytes(sample), "path": name}
         else:
             row["channels"] = dataset.signal(sample).ravel()
-        if "extra" in row:
-            row["extra"] = json.dumps(row["extra"], ensure_ascii=False)
-        rows.append(row)
     return pa.Table.from_pylist(rows, schema=schema)

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -263,10 +263,6 @@ def read_optional(path: Path) -> bytes:
 SUBSETS = ("train", "validation", "test")
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-# Hugging Face's image folders look for these words in names of files. Where one file has such a
-# name, they read that file alone.
-_SUBSET_WORDS = "train|training|validation|valid|dev|val|test|testing|eval|evaluation"
-_SUBSET = re.compile(rf"(?:^|[-._0-9])({_SUBSET_WORDS})(?=[-._0-9]|$)")
 
 
 @dataclass(frozen=True)
@@ -279,14 +275,6 @@ class Split:
     validation: tuple[int, ...]
     test: tuple[int, ...]
 
-    @classmethod
-    def of(
-        cls, train: Sequence[int] = (), validation: Sequence[int] = (), test: Sequence[int] = ()
-    ) -> Split:
-        """Return the split with these ids, which are sorted in each subset."""
-        lists = (train, validation, test)
-        return cls(*(tuple(sorted(int(number) for number in ids)) for ids in lists))
-
     def subset_of(self) -> dict[int, str]:
         """Return id -> the subset that it is in."""
         return {number: subset for subset in SUBSETS for number in getattr(self, subset)}
@@ -296,7 +284,9 @@ _SPLIT_FILE = TypeAdapter(Split)
 
 
 def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]) -> None:
-    """Write splits/NAME.json.
+    """Write splits/NAME.json. Call it after how it divides, such as "by-press".
+
+    Hugging Face loads a file with "train", "test" or the like in its name alone.
 
     Raises:
         UserError: An id is no sample or is named twice, a press is in two subsets, the name cannot
@@ -305,11 +295,6 @@ def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]
     if not _NAME.fullmatch(name):
         raise UserError(
             f"a split cannot be called {name!r}; a name has letters, digits, '-', '_' and '.'."
-        )
-    if subset := _SUBSET.search(name):
-        raise UserError(
-            f"a split cannot be called {name!r}: with {subset[1]!r} in a file's name, Hugging Face "
-            "loads that file alone; call the split after how it divides, such as 'by-press'."
         )
     check_split(split, samples, f"split {name!r}")
     path = folder / SPLITS / f"{name}.json"

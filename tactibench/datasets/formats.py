@@ -1,25 +1,37 @@
-"""Formats of recorded folders: the table of each, and the folders of its frames.
+"""Recorded folders of frames: their table, the files of the frames, and the labels.
 
 bristol      targets.csv of the Bristol tactile stack. Generations differ in the column that names
              the frames (image_name; sensor_image), in the labels (pose_1 ... pose_6; pose_x ...
              pose_Rz, with shear_* and object_*), in the folder of the frames and in the files that
              say how they were taken (meta.json; *_params.json).
 csv          one CSV file that names frames, with labels beside the names.
+
+Frames are looked for inside their folder only; every file is read once, checked and hashed.
 """
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
 from typing import Any
 
-from tactibench.datasets.options import AUTO, FRAME_FOLDERS, ImportOptions
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.datasets.labels import (
+    choose_indenter,
+    role_columns,
+    scenes_of,
+    tip_columns,
+)
+from tactibench.datasets.options import AUTO, FRAME_FOLDERS, NONE, REFUSE, ImportOptions
+from tactibench.datasets.recording import FloatArray, Recording, prepare_frames
 from tactibench.datasets.schema import is_dataset
 from tactibench.datasets.tables import Table, read_table
 from tactibench.errors import UserError
-from tactibench.png import read_file
+from tactibench.png import ImageKind, check_png, read_file
 from tactibench.records import read_json
 
 TARGETS = ("targets.csv", "targets_images.csv")
@@ -27,41 +39,14 @@ NAME_COLUMNS = ("image_name", "sensor_image")
 NAMES = ("file_name", "filename", *NAME_COLUMNS, "image", "frame", "file", "path", "name")
 """Columns of a CSV file that may name the frames, in order."""
 
-BRISTOL, CSV, V1 = "bristol", "csv", "v1"
-
 _ABOUT = ("meta.json", "*_params.json")
 _LABEL = re.compile(r"(pose|move|shear|object)_([1-6]|[xyz]|R[xyz])")
-
-
-@dataclass(frozen=True, eq=False)
-class FolderContent:
-    """The content of a folder, as the reader of one format sees it.
-
-    Attributes:
-        format: Name of the format.
-        generation: Variant of the format, in words.
-        folder: The folder.
-        table: Its table.
-        data: Bytes of the table's file.
-        name_column: Column that names the frames.
-        frame_folders: Folders in which frames are looked for, in order.
-        rest_folder: Folder in which the undeformed frame is looked for.
-        label_columns: Columns that must be numbers; None: all columns that are mostly numbers.
-        about: Name of a file beside the table -> its content.
-        notes: Sentences about files beside the table that were left out.
-    """
-
-    format: str
-    generation: str
-    folder: Path
-    table: Table
-    data: bytes
-    name_column: str
-    frame_folders: tuple[Path, ...]
-    rest_folder: Path
-    label_columns: tuple[str, ...] | None = None
-    about: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+_MOSTLY_NUMBERS = 0.5
+"""A column of which this share are numbers is meant as numbers; its other cells are mistakes."""
+_SAME_PLACE = 0.01
+"""Numbers that are no further apart are one place, mm or deg: robots come back to a few um."""
+_BITS_AT, _MOST_BITS = 24, 8
+"""Place of the byte in a PNG that holds the bits per channel, and the most bits of a frame."""
 
 
 def find_targets(folder: Path) -> Path | None:
@@ -70,79 +55,22 @@ def find_targets(folder: Path) -> Path | None:
 
 
 def recording_folder(folder: Path) -> Path:
-    """Return the folder, or the one directly in it that alone is a Bristol recording."""
+    """Return the folder, or the one directly in it that alone is a Bristol recording.
+
+    Raises:
+        UserError: This is no folder that can be listed.
+    """
+    if not folder.is_dir():
+        what = "is a file; give the folder that holds it" if folder.exists() else "does not exist"
+        raise UserError(f"{folder} {what}.")
+    try:
+        inside = list(folder.iterdir())
+    except OSError as error:
+        raise UserError(f"{folder} cannot be listed: {error.strerror}.") from None
     if is_dataset(folder) or any(folder.glob("*.csv")):
         return folder
-    inner = [child for child in folder.iterdir() if child.is_dir() and find_targets(child)]
+    inner = [child for child in inside if child.is_dir() and find_targets(child)]
     return inner[0] if len(inner) == 1 else folder
-
-
-def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
-    """Read the table of a folder and the files that say how its frames were taken.
-
-    Raises:
-        UserError: The table or a column is missing, or cannot be read.
-    """
-    path = folder / options.table if options.table else find_targets(folder)
-    if path is None or not path.is_file():
-        raise UserError(f"{folder} holds no {options.table or TARGETS[0]}; name another folder.")
-    data = read_file(path)
-    table = read_table(path, data)
-    name = table.column(options.column) if options.column else table.column(*NAME_COLUMNS)
-    frames = _frames_folder(folder, options.frames)
-    columns = tuple(column for column in table.columns if _LABEL.fullmatch(column))
-    lettered = any(column.partition("_")[2] in ("x", "Rx") for column in columns)
-    about, notes = {}, []
-    for file in sorted(file for pattern in _ABOUT for file in folder.glob(pattern)):
-        try:
-            about[file.name] = read_json(file)
-        except UserError as error:
-            notes.append(f"left out: {error}")
-    return FolderContent(
-        BRISTOL,
-        f"{name}, pose_{'x..pose_Rz' if lettered else '1..pose_6'}, {frames.name}",
-        folder,
-        table,
-        data,
-        name,
-        (frames, folder),  # older tables name frames from the folder above theirs
-        frames,
-        columns,
-        about=about,
-        notes=tuple(notes),
-    )
-
-
-def _frames_folder(folder: Path, name: str) -> Path:
-    names = FRAME_FOLDERS if name == AUTO else (name,)
-    for candidate in names:
-        if (folder / candidate).is_dir():
-            return folder / candidate
-    if name == AUTO and any(folder.glob("*.png")):  # frames beside the table
-        return folder
-    raise UserError(f"{folder} holds no folder of frames; looked for {', '.join(names)}.")
-
-
-def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
-    """Read a folder whose one CSV file names frames, with labels beside the names.
-
-    Raises:
-        UserError: There is no table or there are several, the table cannot be read, or the folder
-            of frames does not exist.
-    """
-    targets = find_targets(folder)
-    path = _table_path(folder, options.table or (targets.name if targets else ""))
-    data = read_file(path)
-    table = read_table(path, data)
-    name = table.column(options.column) if options.column else table.column(*NAMES)
-    places = frame_places(folder)
-    if options.frames != AUTO:
-        places = (folder / options.frames,)
-        if not places[0].is_dir():
-            raise UserError(f"{places[0]} is no folder; name that of frames with --param frames.")
-    first = table.cells[name][0].strip().replace("\\", "/")
-    frames = next((place for place in places if first and (place / first).is_file()), places[0])
-    return FolderContent(CSV, f"{path.name}, {name}", folder, table, data, name, places, frames)
 
 
 def frame_places(folder: Path) -> tuple[Path, ...]:
@@ -152,56 +80,265 @@ def frame_places(folder: Path) -> tuple[Path, ...]:
     return (folder, *usual, *(path for path in below if path not in usual))
 
 
+def read_frames(folder: Path, options: ImportOptions) -> Recording:
+    """Read the table of a folder and its labels, find the frames and check every file.
+
+    Raises:
+        UserError: The table, a frame, a label or a column is missing or wrong; the sentence names
+            it.
+    """
+    path = _table_path(folder, options.table)
+    data = read_file(path)
+    table = read_table(path, data)
+    column = table.column(options.column) if options.column else table.column(*NAMES)
+    bristol = path.name in TARGETS and column in NAME_COLUMNS
+    names = frame_names(path, table.cells[column])
+    files = _find_frames(folder, path, names, options)
+    rows = [row for row, file in enumerate(files) if file is not None]
+    paths = tuple(file for file in files if file is not None)
+    frames = paths[0].parent
+    rest = _find_rest((frames, folder), set(paths))
+    columns = [name for name in table.columns if _LABEL.fullmatch(name)] if bristol else None
+    facts = read_labels(table, names, rows, options, name=column, columns=columns)
+    kind, sha256 = check_frames(data, paths, rest)
+    about, notes = _read_about(folder)
+    if left_out := len(names) - len(rows):
+        notes.append(f"rows of {path.name} left out, no file: {left_out:,}.")
+    recording = Recording(
+        format="bristol" if bristol else "csv",
+        generation=f"{path.name}, {column}",
+        folder=folder,
+        table=path,
+        paths=paths,
+        frames=frames,
+        stored=kind,
+        rest=rest,
+        sha256=sha256,
+        about=about,
+        notes=tuple(notes),
+        **facts,
+    )
+    return prepare_frames(recording, options.light)
+
+
 def _table_path(folder: Path, name: str) -> Path:
-    paths = [folder / name] if name else sorted(folder.glob("*.csv"))
-    if len(paths) == 1 and paths[0].is_file():
-        return paths[0]
-    if name or not paths:
-        raise UserError(f"{folder} holds no {name or 'CSV file'}; name another folder.")
-    names = ", ".join(path.name for path in paths)
-    raise UserError(
-        f"{folder} holds several CSV files ({names}); make a data set of them with `tactibench "
-        f"data import {folder} NEW --param table=FILE --guess` (channels: --param channels=FILE, "
-        "too)."
+    if name:
+        if not (folder / name).is_file():
+            raise UserError(f"{folder} holds no {name}; name another folder.")
+        return folder / name
+    if targets := find_targets(folder):
+        return targets
+    paths = sorted(folder.glob("*.csv"))
+    if not paths:
+        raise UserError(
+            f"{folder} holds no {TARGETS[0]}, no dataset.json and no other CSV file; name a folder "
+            "of recorded frames."
+        )
+    if len(paths) > 1:
+        names = ", ".join(path.name for path in paths)
+        raise UserError(
+            f"{folder} holds several CSV files ({names}); make a data set of them with `tactibench "
+            f"data import {folder} NEW --param table=FILE --guess` (channels: --param "
+            "channels=FILE, too)."
+        )
+    return paths[0]
+
+
+def _read_about(folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return the content of files that say how frames were taken, and notes on damaged ones."""
+    about, notes = {}, []
+    for file in sorted(file for pattern in _ABOUT for file in folder.glob(pattern)):
+        try:
+            about[file.name] = read_json(file)
+        except UserError as error:
+            notes.append(f"left out: {error}")
+    return about, notes
+
+
+def frame_names(path: Path, cells: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of frames with '/' as separator, in the order of the table.
+
+    Raises:
+        UserError: A name is empty, leads out of its folder, or is listed twice.
+    """
+    row_of: dict[str, int] = {}
+    for row, cell in enumerate(cells, start=1):
+        text = cell.strip().replace("\\", "/")
+        if not text:
+            raise UserError(f"{path} row {row} names no frame; every row needs a file name.")
+        name = PurePosixPath(text)
+        if name.is_absolute() or ".." in name.parts or ":" in text or "\0" in text:
+            raise UserError(
+                f"{path} row {row} names {cell!r}; a frame's name must be relative, stay inside "
+                "the frames folder and hold no ':'."
+            )
+        if (first := row_of.setdefault(str(name), row)) != row:
+            raise UserError(
+                f"{path} rows {first} and {row} both name the frame {name}; a frame may be listed "
+                "once."
+            )
+    return tuple(row_of)
+
+
+def _find_frames(
+    folder: Path, table: Path, names: Sequence[str], options: ImportOptions
+) -> list[Path | None]:
+    """Return the file of every name; None for a missing one where the options skip its row."""
+    places = frame_places(folder)
+    if options.frames != AUTO:
+        places = (folder / options.frames, folder)
+        if not places[0].is_dir():
+            raise UserError(f"{places[0]} is no folder; name that of frames with --param frames.")
+    paths = [
+        next((place / name for place in places if (place / name).is_file()), None) for name in names
+    ]
+    absent = [name for name, path in zip(names, paths, strict=True) if path is None]
+    if absent and (options.missing == REFUSE or len(absent) == len(names)):
+        many = len(absent) > 1
+        where = ", ".join(place.name for place in places)
+        raise UserError(
+            f"{table} names {len(absent)} frame{'s' if many else ''} that "
+            f"{'are' if many else 'is'} not there, first {absent[0]} (looked for in {where}); "
+            "add the files or remove their rows."
+        )
+    return paths
+
+
+def _find_rest(folders: Iterable[Path], listed: set[Path]) -> Path | None:
+    """Return init_0.png, another *init*.png, or the image_0.png of newer recordings."""
+    paths = [
+        path
+        for folder in folders
+        for path in (
+            folder / "init_0.png",
+            *sorted(folder.glob("*init*.png")),
+            folder / "image_0.png",
+        )
+    ]
+    return next((path for path in paths if path not in listed and path.is_file()), None)
+
+
+def read_labels(
+    table: Table,
+    names: Sequence[str],
+    rows: Sequence[int],
+    options: ImportOptions,
+    *,
+    name: str = "",
+    columns: Sequence[str] | None = None,
+) -> dict[str, Any]:
+    """Return the fields of a recording that come from the labels of its table.
+
+    Args:
+        table: The table.
+        names: Name of the frame of every row; each is a press of its own unless the options name
+            columns.
+        rows: Rows that become frames.
+        options: Names of columns, and the meaning of the labels.
+        name: Column that names the frames.
+        columns: Columns that must be numbers; None: all columns that are mostly numbers.
+
+    Raises:
+        UserError: A column is missing, a cell is no number, or labels describe no scene that can
+            be.
+    """
+    if options.labels != AUTO:
+        columns = [table.column(text.strip()) for text in options.labels.split(",") if text]
+    elif columns is None:
+        others = {name, options.press, options.join}
+        mostly = (c for c in table.columns if table.numeric_share(c) >= _MOSTLY_NUMBERS)
+        columns = [column for column in mostly if column not in others]
+    indenter = choose_indenter(options, columns)
+    needed, empty = tip_columns(options, indenter)  # read even where cells are no numbers
+    columns = tuple(dict.fromkeys([*columns, *(c for c in table.columns if c in needed)]))
+    labels = {column: table.numbers(column, allow_empty=column in empty) for column in columns}
+    roles = role_columns(options, indenter, labels, table.path)
+    scenes = scenes_of(labels, roles, options, indenter, table.path)
+    presses = read_presses(table, options) or names
+    return {
+        "names": tuple(names[row] for row in rows),
+        "labels": {column: values[rows] for column, values in labels.items()},
+        "scenes": tuple(None if scenes is None else scenes[row] for row in rows),
+        "presses": tuple(presses[row] for row in rows),
+        "columns": {"name": name, **roles} if name else roles,
+        "extra": {
+            column: tuple(table.cells[column].iloc[list(rows)])
+            for column in table.columns
+            if column not in {*columns, name}
+        },
+        "dome_radius_mm": None if indenter == NONE else options.surface_radius_mm,
+    }
+
+
+def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None:
+    """Return the press of every row: rows that agree in all named columns share one.
+
+    Texts agree where they are equal, numbers where a robot came back to one place. A press is named
+    after the cells of its first row. None where the options name no column.
+    """
+    if not options.press:
+        return None
+    columns = [table.column(name.strip()) for name in options.press.split(",")]
+    cells = [" ".join(row) for row in zip(*(table.cells[name] for name in columns), strict=True)]
+    numbers = [
+        table.numbers(name)
+        if table.numeric_share(name) == 1
+        else np.unique(list(table.cells[name]), return_inverse=True)[1]
+        for name in columns
+    ]
+    first: dict[int, str] = {}
+    groups = _same_places(np.column_stack(numbers))
+    return tuple(
+        first.setdefault(group, cell) for group, cell in zip(groups.tolist(), cells, strict=True)
     )
 
 
-READERS = {BRISTOL: read_bristol, CSV: read_csv}
-FORMATS = tuple(READERS)
-"""Formats that can be imported."""
+def _same_places(points: FloatArray) -> npt.NDArray[np.int64]:
+    """Return the (N,) groups of (N, K) points that are one place along every axis."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    places, place_of = np.unique(points, axis=0, return_inverse=True)
+    close = cKDTree(places).query_pairs(_SAME_PLACE, p=np.inf, output_type="ndarray")
+    count = len(places)
+    links = coo_array((np.ones(len(close)), (close[:, 0], close[:, 1])), shape=(count, count))
+    _, group = connected_components(links, directed=False)
+    return np.asarray(group[place_of.ravel()], dtype=np.int64)
 
 
-def find_format(folder: Path) -> str:
-    """Return the format of a folder: "v1" or one of FORMATS.
+def check_frames(table: bytes, paths: Sequence[Path], rest: Path | None) -> tuple[ImageKind, str]:
+    """Read every file once.
 
-    Raises:
-        UserError: The folder has none of these formats.
-    """
-    check_folder(folder)
-    if is_dataset(folder):
-        return V1
-    if (targets := find_targets(folder)) is not None:
-        columns = read_table(targets, read_file(targets)).columns
-        return BRISTOL if set(NAME_COLUMNS) & set(columns) else CSV
-    if any(folder.glob("*.csv")):
-        return CSV
-    raise UserError(
-        f"{folder} holds no {TARGETS[0]}, no dataset.json and no other CSV file; name a folder of "
-        "recorded frames."
-    )
+    Args:
+        table: Bytes of the table.
+        paths: Files of the frames, at least one.
+        rest: File of the undeformed frame.
 
-
-def check_folder(folder: Path) -> None:
-    """Check that this is a folder that can be listed.
+    Returns:
+        Size and colours of every frame, and the sha256 over the table, all frames and the rest
+        frame.
 
     Raises:
-        UserError: It is none.
+        UserError: A frame is no sound PNG of 8 bits, or differs from the others.
     """
-    if not folder.exists():
-        raise UserError(f"{folder} does not exist; give a folder of recorded frames.")
-    if not folder.is_dir():
-        raise UserError(f"{folder} is a file; give the folder that holds it.")
-    try:
-        next(folder.iterdir(), None)
-    except OSError as error:
-        raise UserError(f"{folder} cannot be listed: {error.strerror}.") from None
+    digest = hashlib.sha256(table)
+    first: ImageKind | None = None
+    for path in (*paths, *([] if rest is None else [rest])):
+        data = read_file(path)
+        kind = check_png(path, data)
+        if data[_BITS_AT] > _MOST_BITS:
+            raise UserError(
+                f"{path} has {data[_BITS_AT]} bits a pixel; frames have 8: convert them first."
+            )
+        first = first or kind
+        if kind != first:
+            raise UserError(
+                f"{path} is {kind}, but {paths[0].name} is {first}; "
+                "all frames of a recording, the rest frame included, must be alike."
+            )
+        # The length keeps two files from passing for one.
+        digest.update(len(data).to_bytes(8, "little"))
+        digest.update(data)
+    assert first is not None, "a table has at least one row"  # noqa: S101
+    return first, digest.hexdigest()

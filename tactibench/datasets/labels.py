@@ -166,11 +166,15 @@ def role_columns(
     depth = options.depth
     if depth == AUTO:
         depth = "pose_2" if plate else "depth_mm"
+    wanted = {"depth": depth, "tilt": "pose_6" if options.tilt == AUTO else options.tilt}
     if not plate:
         wanted = tip_roles(replace(options, depth=depth), indenter)
-        return {role: _find_columns(text, tuple(labels), table) for role, text in wanted.items()}
-    wanted = {"depth": depth, "tilt": "pose_6" if options.tilt == AUTO else options.tilt}
-    roles = {role: _find_column(column, tuple(labels), table) for role, column in wanted.items()}
+    roles = {
+        role: ",".join(_find_column(name, tuple(labels), table) for name in texts(text))
+        for role, text in wanted.items()
+    }
+    if not plate:
+        return roles
     lengths = [name for name in (*NUMBERED[:3], *LETTERED[:3]) if name in labels]
     changing = [name for name in lengths if np.ptp(labels[name]) > 0]
     depth = roles["depth"].removeprefix("-")
@@ -182,15 +186,10 @@ def role_columns(
     return roles
 
 
-def _find_columns(text: str, columns: Sequence[str], table: Path) -> str:
-    """Return a list of columns, separated by commas, as the table names them; numbers stay."""
-    return ",".join(
-        name if is_number(name) else _find_column(name, columns, table)
-        for name in (part.strip() for part in text.split(","))
-    )
-
-
 def _find_column(column: str, columns: Sequence[str], table: Path) -> str:
+    """Return a column as the table names it; a number stays."""
+    if is_number(column):
+        return column
     sign = "-" if column.startswith("-") else ""
     names = [column.removeprefix("-")]
     names += [ALIAS[name] for name in names if name in ALIAS]
@@ -230,14 +229,13 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
     """
     roles = {"x": options.x, "y": options.y, "depth": options.depth}
     if indenter == TIPS:
-        lengths = {role: len(named(text)) for role, text in roles.items()}
+        lengths = {role: len(texts(text)) for role, text in roles.items()}
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{count} for {role}" for role, count in lengths.items())
             raise UserError(
                 f"indenter=tips needs as many columns of x as of y and depth, but got {counts}; "
                 "name one of each for every contact, separated by commas."
             )
-        return roles
     if indenter in (DUAL, TRIPLE):
         if not options.spacing:
             raise UserError(
@@ -246,7 +244,7 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
             )
         roles |= {"spacing": options.spacing, "yaw": options.yaw}
         if options.heights:
-            count = len(named(options.heights))
+            count = len(texts(options.heights))
             if count != TIP_COUNT[indenter]:
                 raise UserError(
                     f"heights names {count} columns or numbers, but indenter={indenter} has "
@@ -256,21 +254,17 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
     return roles
 
 
-def named_columns(options: ImportOptions, indenter: str) -> set[str]:
-    """Return the columns of the roles of tips; none for other indenters."""
+def tip_columns(options: ImportOptions, indenter: str) -> tuple[set[str], set[str]]:
+    """Return the columns of the roles of tips, and those of them that may have empty cells.
+
+    A cell is empty where fewer tips pressed. Other indenters than tips have no such columns.
+    """
     if indenter not in (*TIP_COUNT, TIPS):
-        return set()
-    return {name for text in tip_roles(options, indenter).values() for name in named(text)}
-
-
-def may_be_empty(options: ImportOptions, indenter: str) -> set[str]:
-    """Return the columns in which a cell may be empty, because fewer tips pressed."""
-    if indenter == TIPS:
-        return {name for text in (options.x, options.y, options.depth) for name in named(text)}
-    if indenter in (DUAL, TRIPLE):
-        texts = (options.spacing, options.yaw, options.heights)
-        return {name for text in texts for name in named(text)}
-    return set()
+        return set(), set()
+    roles = tip_roles(options, indenter)
+    always = () if indenter == TIPS else ("x", "y", "depth")
+    columns = {name for text in roles.values() for name in named(text)}
+    return columns, columns - {name for role in always for name in named(roles[role])}
 
 
 def tip_scenes(

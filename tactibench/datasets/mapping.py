@@ -94,9 +94,6 @@ def read_mapping(path: Path, params: Sequence[str] = ()) -> ImportOptions:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise UserError(f'{path} is no TOML file: {error}; write lines such as x = "cx".') from None
     first = {text.partition("=")[0] for text in params}
-    nested = [name for name, value in given.items() if isinstance(value, (dict, list))]
-    if nested:
-        raise UserError(f"{path}: {nested[0]} must be one value, as text or number.")
     mine = [f"{name}={value}" for name, value in given.items() if name not in first]
     try:
         return read_options([*mine, *params])

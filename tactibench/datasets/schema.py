@@ -20,12 +20,19 @@ import math
 import re
 import uuid
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
+from pydantic import (
+    ConfigDict,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    TypeAdapter,
+    ValidationError,
+)
 
 from tactibench.contacts import Contacts, Scene, Signal
 from tactibench.errors import UserError
@@ -110,7 +117,7 @@ class Header:
     sensor: Mapping[str, Any]
     image: tuple[PositiveInt, PositiveInt] | None = None
     channels: Literal[1, 3] = 1
-    dome_radius_mm: float | None = None
+    dome_radius_mm: PositiveFloat | None = None
     signal: tuple[PositiveInt, ...] = ()
     signal_names: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=lambda: dict(UNITS))
@@ -258,14 +265,19 @@ def read_header(folder: Path) -> Header:
             f"{path} has schema_version {version!r}, but this tactibench reads {SCHEMA_VERSION}; "
             "commit e6a49ac9 reads data sets of an older form, a newer tactibench those of a newer."
         )
+    return _parse_header(value, str(path))
+
+
+def _parse_header(value: dict[str, Any], where: str) -> Header:
     if value.get("dome_radius_mm") == _FLAT:
-        value["dome_radius_mm"] = math.inf
+        value = {**value, "dome_radius_mm": math.inf}
     try:
         # Strict validation takes a JSON list for a tuple, but not a Python one.
         header = _HEADER_FILE.validate_json(json.dumps(value))
     except ValidationError as error:
-        raise UserError(f"{path}: {first_mistake(error, Header)}") from None
-    _check_header(header, str(path))
+        raise UserError(f"{where}: {first_mistake(error, Header)}") from None
+    if (header.image is None) != bool(header.signal):
+        raise UserError(f"{where}: exactly one of 'image' and 'signal' says what samples hold.")
     return header
 
 
@@ -275,20 +287,16 @@ def write_header(folder: Path, header: Header) -> None:
     Raises:
         UserError: The header could not be read back: a value is wrong or no JSON.
     """
-    _check_header(header, "the header of the data set")
     value = asdict(header)
-    for key in ["image"] if header.signal else ["signal", "signal_names"]:
-        del value[key]
-    if header.dome_radius_mm is not None and math.isinf(header.dome_radius_mm):
+    if header.dome_radius_mm == math.inf:
         value["dome_radius_mm"] = _FLAT  # infinity has no meaning in JSON
     try:
-        _HEADER_FILE.validate_json(json.dumps({**value, "dome_radius_mm": None}, allow_nan=False))
-    except ValidationError as error:
-        mistake = first_mistake(error, Header)
-        raise UserError(f"the header of the data set: {mistake}") from None
+        _parse_header(value, "the header of the data set")
+        for key in ["image"] if header.signal else ["signal", "signal_names"]:
+            del value[key]
+        write_json(folder / HEADER, value)
     except (TypeError, ValueError) as error:
         raise UserError(f"the header of the data set cannot be written: {error}.") from None
-    write_json(folder / HEADER, value)
 
 
 def resume_header(folder: Path, expected: Header) -> Header:
@@ -303,27 +311,15 @@ def resume_header(folder: Path, expected: Header) -> Header:
             f"{folder} is closed: it holds {header.counts.get('samples', 0):,} samples and takes "
             "no more; name another folder."
         )
-    for key in (f.name for f in fields(Header) if f.name not in _OWN_KEYS):
-        difference = _difference(key, _json_value(header, key), _json_value(expected, key))
-        if difference:
-            raise UserError(
-                f"{folder} was begun with {difference}; go on with the same settings, or name "
-                "another folder."
-            )
+    own = dict.fromkeys(_OWN_KEYS)
+    # As they come back from the disk: tuples as lists, keys as text.
+    before, now = (json.loads(json.dumps(asdict(each) | own)) for each in (header, expected))
+    if difference := _difference("", before, now):
+        raise UserError(
+            f"{folder} was begun with {difference}; go on with the same settings, or name another "
+            "folder."
+        )
     return header
-
-
-def _check_header(header: Header, where: str) -> None:
-    if (header.image is None) != bool(header.signal):
-        raise UserError(f"{where}: exactly one of 'image' and 'signal' says what samples hold.")
-    radius = header.dome_radius_mm
-    if radius is not None and not radius > 0:
-        raise UserError(f"{where}: dome_radius_mm is {radius}; it must be positive or {_FLAT!r}.")
-
-
-def _json_value(header: Header, key: str) -> Any:
-    """Return a value as it comes back from the disk: tuples as lists, keys as text."""
-    return json.loads(json.dumps(getattr(header, key)))
 
 
 def _difference(key: str, before: Any, now: Any) -> str:
@@ -331,11 +327,7 @@ def _difference(key: str, before: Any, now: Any) -> str:
     if before == now:
         return ""
     if isinstance(before, dict) and isinstance(now, dict):
-        texts = (_difference(f"{key}.{k}", before.get(k), now.get(k)) for k in {**before, **now})
+        name = f"{key}." if key else ""
+        texts = (_difference(f"{name}{k}", before.get(k), now.get(k)) for k in {**before, **now})
         return next(filter(None, texts))
-    return f"{key} {_shorten(before)}, now it is {_shorten(now)}"
-
-
-def _shorten(value: Any, most: int = 60) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= most else f"{text[:most]}..."
+    return f"{key} {json.dumps(before):.60}, now it is {json.dumps(now):.60}"

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from tactibench.datasets.folder import read_labels
+from tactibench.datasets.formats import read_labels
 from tactibench.datasets.options import SKIP, ImportOptions
 from tactibench.datasets.recording import FloatArray, Recording
 from tactibench.datasets.schema import ChannelKind

@@ -344,7 +344,8 @@ class Writer:
                 cannot be used, or another split has the name.
         """
         self._check_open()
-        write_split(self.folder, name, Split.of(train, validation, test), self.samples)
+        split = Split(*(tuple(sorted(ids)) for ids in (train, validation, test)))
+        write_split(self.folder, name, split, self.samples)
 
     def close(self) -> None:
         """Close the data set, so that nothing more can be added.
@@ -415,14 +416,14 @@ class Writer:
     def _check_ids(self, drafts: Sequence[Draft]) -> None:
         new: set[int] = set()
         for draft in drafts:
-            number: object = draft.id
-            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0:
+            number = draft.id
+            if number < 0:
                 raise UserError(f"a sample's id is {number!r}; it must be a whole number from 0.")
             if number in self._samples or number in new:
                 raise UserError(f"{self.folder} has a sample {number} already; an id stands once.")
             if self._plan_ids and number not in self._plan_ids:
                 raise UserError(f"{self.folder} has no id {number} in its plan.")
-            new.add(int(number))
+            new.add(number)
 
 
 def _event(kind: str, **facts: Any) -> dict[str, Any]:

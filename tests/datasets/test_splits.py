@@ -49,9 +49,9 @@ def test_a_split_that_leaks_is_refused(
 
 @pytest.mark.parametrize(
     "name",
-    ["", "../x", "a/b", ".hidden", "a b", "test", "my-test", "val_2", "2dev.x", "by-press.train"],
+    ["", "../x", "a/b", ".hidden", "a b"],
 )
-def test_a_name_stays_in_the_folder_and_is_none_of_a_part(open_set: Path, name: str) -> None:
+def test_a_name_stays_in_the_folder(open_set: Path, name: str) -> None:
     with Writer(open_set, header()) as writer, pytest.raises(UserError, match="cannot be called"):
         writer.split(name, train=[0, 1])
 

@@ -60,7 +60,7 @@ def test_scenes_are_taken_as_they_are(data_set, open_recording):
 
 def test_a_split_says_who_trains_validates_and_tests(data_set, open_recording):
     folder = data_set([*SINGLE, *SINGLE])
-    split = Split.of(train=[0, 1], validation=[2, 3], test=[6, 7])
+    split = Split((0, 1), (2, 3), (6, 7))
     write_split(folder, "by-hand", split, open_dataset(folder).samples)
     names = list(open_recording(folder).scenes())
     assert open_recording(folder).split() == {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import zlib
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,7 +13,6 @@ from png_bytes import png
 from tactibench.datasets import (
     ImportOptions,
     Writer,
-    find_format,
     import_folder,
     open_dataset,
     open_recording,
@@ -162,12 +160,12 @@ def test_columns_that_are_not_there(first, unimported, options, words):
     unimported(first, *words, options=ImportOptions(**options))
 
 
-def test_folders_that_are_none(tmp_path, refused, first):
-    refused(lambda: find_format(tmp_path / "no"), "does not exist")
-    refused(lambda: find_format(first / "targets.csv"), "is a file")
+def test_folders_that_are_none(tmp_path, refused, first, second):
+    refused(lambda: open_recording(tmp_path / "no"), "does not exist")
+    refused(lambda: open_recording(first / "targets.csv"), "is a file")
     (tmp_path / "empty").mkdir()
-    refused(lambda: find_format(tmp_path / "empty"), "targets.csv", "dataset.json")
-    refused(lambda: open_recording(first, format="zip"), "'zip'")
+    for folder in (tmp_path / "empty", first.parent):  # several recordings lie in the other one
+        refused(lambda folder=folder: open_recording(folder), "targets.csv", "dataset.json")
 
 
 def test_targets_that_cannot_be(first, tmp_path, unimported, refused):
@@ -180,24 +178,6 @@ def test_targets_that_cannot_be(first, tmp_path, unimported, refused):
     assert not (first / "out").exists()
     import_folder(first, tmp_path / "set")
     refused(lambda: import_folder(tmp_path / "set", tmp_path / "again"), "data set", "copy")
-
-
-def test_a_folder_of_several_recordings_and_one_without_frames(first, second, third, refused):
-    refused(lambda: open_recording(first.parent), "no targets.csv", "name a folder")
-    (first / "frames_bw").rename(first / "pictures")
-    refused(lambda: open_recording(first), "frames_bw, images, sensor_images, processed_images")
-
-
-def test_a_read_only_disk(first, tmp_path, unimported, monkeypatch):
-    make = Path.mkdir
-
-    def refuse(self, *args, **kwargs):
-        if self.parent == tmp_path:
-            raise OSError(errno.EROFS, "Read-only file system", str(self))
-        make(self, *args, **kwargs)
-
-    monkeypatch.setattr(Path, "mkdir", refuse)
-    unimported(first, "out", "Read-only file system", "another place")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])

@@ -8,7 +8,6 @@ import pytest
 from tactibench import Indenter, Pose, Scene
 from tactibench.datasets import (
     ImportOptions,
-    find_format,
     import_folder,
     indentation,
     open_dataset,
@@ -23,7 +22,7 @@ PLATE = ("indenter=plate", "offset_mm=5", "pivot_mm=20")
 @pytest.mark.parametrize("generation", ["first", "second", "third"])
 def test_every_generation_keeps_frames_labels_and_order(generation, request, tmp_path):
     folder = request.getfixturevalue(generation)
-    assert find_format(folder) == "bristol"
+    assert open_recording(folder).format == "bristol"
     dataset = import_folder(folder, tmp_path / "out", read_options(PLATE))
     assert [sample.id for sample in dataset.samples] == list(range(5))
     assert verify(tmp_path / "out") == []

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import find_format, import_folder, open_recording, read_options, read_table
+from tactibench.datasets import import_folder, open_recording, read_options, read_table
 
 
 def frames(folder, count, stem="f"):
@@ -31,7 +31,7 @@ def plain(tmp_path):
 
 
 def test_contact_columns_become_presses_by_a_tip(plain, tmp_path):
-    assert find_format(plain) == "csv"
+    assert open_recording(plain).format == "csv"
     dataset = import_folder(plain, tmp_path / "out", read_options(["radius_mm=2.5"]))
     assert [s.scene for s in dataset.samples] == [
         Scene(Indenter.single(2.5), Pose(float(i), -i - 0.5, depth=float(i + 1))) for i in range(4)
