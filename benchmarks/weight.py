@@ -57,7 +57,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/metrics": (1622, 10),
     "tactibench/plugins": (627, 5),
     "tactibench/protocols": (1080, 5),
-    "tactibench/records": (829, 7),
+    "tactibench/records": (831, 7),
     "tactibench/report": (3049, 15),
     "tactibench/run": (2450, 14),
     "tactibench/scaffold": (115, 2),
