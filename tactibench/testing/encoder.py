@@ -13,8 +13,8 @@ from tactibench.testing.subjects import (
     EncoderSubject,
     Failed,
     check_parameters,
+    difference,
     must_refuse,
-    must_work,
     require,
 )
 
@@ -32,8 +32,7 @@ DEPTH_SLACK = 0.05
 
 def target(subject: EncoderSubject) -> None:
     """The class behind the spec loads, inherits from tactibench.Encoder, builds, and has limits."""
-    with must_work(f"building {subject.spec.target}"):
-        encoder = subject.encoder
+    encoder = subject.encoder
     missing = [
         name for name in NUMBERS if not isinstance(getattr(encoder, name, None), int | float)
     ]
@@ -44,7 +43,7 @@ def target(subject: EncoderSubject) -> None:
 
 
 def parameters(subject: EncoderSubject) -> None:
-    """Every allowed value of a parameter builds or is refused in words; any other is refused."""
+    """An encoder builds with every bound and choice of a parameter, or refuses it in words."""
     check_parameters(subject.spec, subject.values, subject.build)
 
 
@@ -162,29 +161,24 @@ def pure(subject: EncoderSubject) -> None:
     rng = np.random.default_rng(7)
     lists = [_random_contact(rng) for _ in range(70)]
     maps = subject.encode(lists)
-    _same_batch(subject, lists, maps)
+    batch = subject.encoder.encode_batch(lists, subject.grid)
+    require(np.array_equal(batch, maps), "encode_batch differs from encode")
     maps = maps + 0.01 * rng.random(maps.shape, dtype=np.float32)
     before = maps.copy()
     together = subject.decode(maps)
-    require(np.array_equal(maps, before), "decode_batch changed the maps")
-    alone = maps.copy()
-    for single in alone:
-        subject.encoder.decode(single, subject.grid)
-    require(np.array_equal(alone, before), "decode changed the maps")
+    alone = [subject.encoder.decode(single, subject.grid) for single in maps]
+    require(np.array_equal(maps, before), "decoding changed the maps")
+    gap = difference(alone, together)
+    require(gap <= 1e-9, f"alone and in a batch, contacts differ by {gap:.3g}")
     maps.setflags(write=False)
-    with must_work("reading maps that may not be written to"):
-        read_only = [subject.encoder.decode(single, subject.grid) for single in maps]
-        subject.decode(maps)
-    for single, other in zip(read_only, together, strict=True):
-        _alike(single, other, 1e-9, "alone and in a batch")
+    subject.decode(maps)
 
 
 def scores(subject: EncoderSubject) -> None:
     """Scores lie in 0..1 and fall with the heat; noise is read as a bounded number of contacts."""
     encoder, grid = subject.encoder, subject.grid
     maps = encoder.encode(Contacts.truth([[1.2, -2.1]], [DEEP]), grid)
-    with must_work("a map 5 % above 1"):
-        full = encoder.decode(1.05 * maps, grid)
+    full = encoder.decode(1.05 * maps, grid)
     require(len(full) and full.score[0] == 1.0, f"maps 5 % above 1 have the scores {full.score}")
     faint = [encoder.decode(np.float32(share) * maps, grid).score for share in (1.0, 0.8, 0.5)]
     require(all(map(len, faint)), "at half its heat, a contact of 6 mm was not read")
@@ -277,18 +271,3 @@ def _label(contacts: Contacts) -> str:
     """Return a text such as "x -6.40 y 3.00 depth 0.50 mm" with all contacts."""
     rows = zip(contacts.xy.tolist(), contacts.depth.tolist(), strict=True)
     return " and ".join(f"x {x:.2f} y {y:.2f} depth {d:.2f} mm" for (x, y), d in rows)
-
-
-def _same_batch(subject: EncoderSubject, lists: list[Contacts], maps: np.ndarray) -> None:
-    batch = subject.encoder.encode_batch
-    require(np.array_equal(batch(lists, subject.grid), maps), "encode_batch differs from encode")
-    none = np.asarray(batch([], subject.grid)).shape
-    wanted = (0, subject.encoder.channels, *subject.grid.shape)
-    require(none == wanted, f"encode_batch of no contacts has shape {none}, expected {wanted}")
-
-
-def _alike(found: Contacts, expected: Contacts, slack: float, how: str) -> None:
-    require(len(found) == len(expected), f"{how}: {len(found)} contacts, not {len(expected)}")
-    if len(found):
-        away = max(np.abs(found.xy - expected.xy).max(), np.abs(found.depth - expected.depth).max())
-        require(away <= slack, f"{how}: read {away:.3g} mm apart")

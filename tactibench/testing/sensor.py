@@ -21,7 +21,6 @@ from tactibench.testing.subjects import (
     SensorSubject,
     check_parameters,
     must_refuse,
-    must_work,
     require,
 )
 
@@ -33,12 +32,11 @@ Array = npt.NDArray[np.float64]
 
 def target(subject: SensorSubject) -> None:
     """The class behind the spec loads, inherits from tactibench.Sensor, and builds."""
-    with must_work(f"building {subject.spec.target}"):
-        _ = subject.unopened
+    _ = subject.unopened
 
 
 def parameters(subject: SensorSubject) -> None:
-    """Every allowed value of a parameter builds or is refused in words; any other is refused."""
+    """A sensor builds with every bound and choice of a parameter, or refuses the value in words."""
     check_parameters(subject.spec, subject.values, subject.build)
 
 
@@ -56,7 +54,7 @@ def context_manager(subject: SensorSubject) -> None:
     except UserError as error:
         caught = error
     require(caught is mishap, "__exit__ swallowed an exception raised inside")
-    with must_work("pressing after the sensor was closed and opened again"), sensor as opened:
+    with sensor as opened:
         again = opened.press(subject.scenes[0])
     require(again.signal.shape == first.signal.shape, "its frames have another shape")
 
@@ -188,8 +186,7 @@ def refusals(subject: SensorSubject) -> None:
                 sensor.press(scene)
             with must_refuse(f"{case}, by press_many,"):
                 list(sensor.press_many([scene]))
-        with must_work("a press after a refused one"):
-            press = sensor.press(subject.scenes[0])
+        press = sensor.press(subject.scenes[0])
         try:
             beside = sensor.press(_tip(100.0, 0.0, 2.0))
         except UserError:

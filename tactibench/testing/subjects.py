@@ -186,24 +186,6 @@ def must_refuse(case: str) -> Iterator[None]:
     raise Failed(f"{case} was taken without a word")
 
 
-@contextmanager
-def must_work(case: str) -> Iterator[None]:
-    """Turn every exception of the block into `Failed`; `Failed` and `NotApplicable` pass.
-
-    Args:
-        case: Words for the action of the block, with which the message begins.
-
-    Raises:
-        Failed: The block raises an exception.
-    """
-    try:
-        yield
-    except (Failed, NotApplicable):
-        raise
-    except Exception as error:
-        raise Failed(f"{case} raised {describe_exception(error)}") from error
-
-
 def examine(checked: Property, subject: Any, expected: str | None = None) -> Finding:
     """Check one property of a subject.
 
@@ -726,7 +708,7 @@ Build = Callable[[Mapping[str, Value]], Any]
 
 
 def check_parameters(spec: Any, values: Mapping[str, Value], build: Build) -> None:
-    """Check that every allowed value builds or is refused, and that every other value is refused.
+    """Check that every allowed value at the edge of what is allowed builds, or is refused.
 
     Args:
         spec: The spec whose parameters are checked.
@@ -734,15 +716,9 @@ def check_parameters(spec: Any, values: Mapping[str, Value], build: Build) -> No
         build: Function that builds the target from the values of all parameters.
 
     Raises:
-        Failed: A forbidden value is not refused, or an allowed value raises something else than a
-            UserError.
+        Failed: An allowed value raises something else than a UserError.
     """
-    with must_refuse("a parameter that is not declared"):
-        spec.settings({"no_such_parameter": "1"})
     for parameter in spec.parameters:
-        for text in _forbidden_texts(parameter):
-            with must_refuse(f"{parameter.name}={text}"):
-                spec.settings({parameter.name: text})
         for value in _edge_values(parameter):
             try:
                 build({**values, parameter.name: value})
@@ -753,21 +729,6 @@ def check_parameters(spec: Any, values: Mapping[str, Value], build: Build) -> No
                     f"{parameter.name}={value!r} is allowed, but building with it raised "
                     f"{describe_exception(error)}; narrow its bounds or refuse it with a UserError"
                 ) from error
-
-
-def _forbidden_texts(parameter: Parameter) -> Iterator[str]:
-    default = parameter.default
-    if parameter.choices:
-        yield "no such choice"
-    elif not isinstance(default, str):
-        yield "word"
-    if isinstance(default, float):
-        yield "nan"
-    if isinstance(default, int | float) and not isinstance(default, bool):
-        if parameter.low is not None:
-            yield str(type(default)(parameter.low - 1))
-        if parameter.high is not None:
-            yield str(type(default)(parameter.high + 1))
 
 
 def _edge_values(parameter: Parameter) -> Iterator[Value]:
