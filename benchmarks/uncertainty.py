@@ -14,6 +14,7 @@ target.
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import erfinv
 
 from tactibench.contacts import Contacts, FloatArray, Scene
 from tactibench.errors import UserError
@@ -219,7 +221,7 @@ def _first(answer: Contacts) -> Contacts:
 def figures(table: Table) -> Figures:
     """Return all figures of a table by name; those about std only where the model states it."""
     out: Figures = {"missed": table.missed, "spurious": table.spurious, "pairs": len(table.error)}
-    rmse, bias = uncertainty.over_bound(table.error, table.bound)
+    rmse, bias = over_bound(table.error, table.bound)
     for a, axis in enumerate(AXES):
         out[f"rmse_over_bound {axis}"] = float(rmse[a])
         out[f"bias_over_bound {axis}"] = float(bias[a])
@@ -236,15 +238,45 @@ def figures(table: Table) -> Figures:
     for a, axis in enumerate(AXES):
         out[f"rms_z {axis}"] = float(np.sqrt((z[:, a] ** 2).mean()))
         out[f"typical_z {axis}"] = _median(np.abs(z[:, a])) / MEDIAN
-        out[f"std_over_bound {axis}"] = float(uncertainty.over_bound(std, bound)[0][a])
+        out[f"std_over_bound {axis}"] = float(over_bound(std, bound)[0][a])
         out[f"std_over_bound_p50 {axis}"] = _median(std[:, a] / bound[:, a])
     depth, near = table.depth[has], table.spacing[has]
     for name, chosen in _bins(depth, near):
         out[f"pairs {name}"] = float(chosen.sum())
         for q in PERCENT:
-            inside = uncertainty.in_ellipse(z[chosen], q), uncertainty.in_interval(z[chosen, 2], q)
+            inside = uncertainty.in_ellipse(z[chosen], q), in_interval(z[chosen, 2], q)
             out[f"ellipse_{q} {name}"], out[f"depth_{q} {name}"] = (float(i.mean()) for i in inside)
     return out
+
+
+def in_interval(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
+    """Return whether each z lies in the interval that holds ``percent`` % of one Gaussian.
+
+    The interval is symmetric: |z| <= sqrt(2) erfinv(percent / 100).
+    """
+    inside = np.abs(z) <= math.sqrt(2) * float(erfinv(percent / 100))
+    return np.asarray(inside, dtype=np.bool_)
+
+
+def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (A,) RMSE and (A,) bias of errors, both over the root mean square bound.
+
+    These are sqrt(sum e^2 / sum b^2) and mean e / sqrt(mean b^2): rmse^2 = bias^2 + scatter^2, and
+    1 is the smallest RMSE that an unbiased estimate can have. Pairs whose b is not finite are left
+    out, axis by axis; an axis without a finite bound has NaN.
+
+    Args:
+        error: (P, A) errors e.
+        bound: (P, A) Cramer-Rao standard deviations b, in the unit of the errors.
+    """
+    bounded = np.isfinite(bound)
+    count = bounded.sum(axis=0)
+    e, b = np.where(bounded, error, 0.0), np.where(bounded, bound, 0.0)
+    with np.errstate(invalid="ignore"):
+        scale = np.sqrt((b**2).sum(axis=0) / count)
+        rmse = np.sqrt((e**2).sum(axis=0) / count) / scale
+        bias = e.sum(axis=0) / count / scale
+    return np.asarray(rmse, dtype=np.float64), np.asarray(bias, dtype=np.float64)
 
 
 def _median(values: FloatArray) -> float:

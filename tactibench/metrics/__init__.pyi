@@ -31,6 +31,4 @@ from .trials import match_trials as match_trials
 from .trials import runs as runs
 from .uncertainty import gaussian_loss as gaussian_loss
 from .uncertainty import in_ellipse as in_ellipse
-from .uncertainty import in_interval as in_interval
-from .uncertainty import over_bound as over_bound
 from .uncertainty import spacing as spacing

@@ -115,15 +115,21 @@ def gospa(truth: FloatArray, predicted: FloatArray, gate: float, power: int) -> 
     return float(((distance**power).sum() + gate**power / 2 * unpaired) ** (1 / power))
 
 
-def gospa_per_frame(trials: Trials, power: int) -> Sample:
-    """One value per frame, mm."""
+def finite_gate(trials: Trials, metric: str) -> float:
+    """Return the gate, mm; raise UserError where it is not finite."""
     if not np.isfinite(trials.gate):
         raise UserError(
-            f"metric 'gospa{power}_mm' needs a finite gate, but the gate is {trials.gate} mm: "
-            f"set a number of millimetres in the protocol."
+            f"metric {metric!r} needs a finite gate, but the gate is {trials.gate} mm: "
+            "set a number of millimetres in the protocol."
         )
+    return trials.gate
+
+
+def gospa_per_frame(trials: Trials, power: int) -> Sample:
+    """One value per frame, mm."""
+    gate = finite_gate(trials, f"gospa{power}_mm")
     pairs = zip(trials.truth, trials.predictions, strict=True)
-    values = np.array([gospa(t.xy, p.xy, trials.gate, power) for t, p in pairs], dtype=np.float64)
+    values = np.array([gospa(t.xy, p.xy, gate, power) for t, p in pairs], dtype=np.float64)
     return Sample(values, np.arange(len(values)))
 
 

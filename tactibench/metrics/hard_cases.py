@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tactibench.contacts import FloatArray
-from tactibench.errors import UserError
+from tactibench.metrics.detection import finite_gate
 from tactibench.metrics.spec import Mask, MetricSpec, Rows, Sample, mean_metric, members
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
 from tactibench.protocols import UNTOUCHED, Axis, family_of
@@ -35,20 +35,12 @@ def ospa(trials: Trials) -> Sample:
     Raises:
         UserError: The gate is not finite.
     """
-    if not np.isfinite(trials.gate):
-        raise UserError(
-            f"metric 'ospa_mm' needs a finite gate, but the gate is {trials.gate} mm: set a number "
-            "of millimetres in the protocol."
-        )
-    pairs, count = trials.matched, len(trials)
-    offset = np.column_stack(
-        [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
-    )
-    gap = np.minimum(np.linalg.norm(offset, axis=1), trials.gate)
+    pairs, count, gate = trials.matched, len(trials), finite_gate(trials, "ospa_mm")
+    gap = np.minimum(np.linalg.norm(pairs.error, axis=1), gate)
     most = np.maximum(trials.true_counts, trials.predicted_counts)
     located = np.bincount(pairs.trial, gap, count).astype(np.float64)
     unpaired = most - pairs.per_trial(count)
-    return Sample((located + trials.gate * unpaired) / np.maximum(most, 1), np.arange(count))
+    return Sample((located + gate * unpaired) / np.maximum(most, 1), np.arange(count))
 
 
 def error_ratios(trials: Trials, _rng: np.random.Generator) -> Rows:

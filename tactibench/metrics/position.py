@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from tactibench.stats import (
     Labels,
     bca_interval,
     cluster_codes,
+    cluster_sums,
     mean_interval,
     positive_mean_interval,
     r_squared,
@@ -163,13 +165,10 @@ def _matched_errors(
         bounds: (K, 3) Cramer-Rao standard deviations of x, y and depth of every trial, mm.
     """
     pairs = trials.matched
-    error = np.column_stack(
-        [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
-    )
     places = zip(pairs.trial, pairs.truth, strict=True)
     bound = np.array([bounds[i][k] for i, k in places]).reshape(-1, 3)
     inside = members(trials, "all")[pairs.trial]
-    return error[inside], bound[inside], pairs.trial[inside]
+    return pairs.error[inside], bound[inside], pairs.trial[inside]
 
 
 def _columns(errors: FloatArray) -> Iterator[tuple[str, FloatArray]]:
@@ -206,11 +205,6 @@ def depth_errors(trials: Trials) -> Sample:
     return Sample(np.abs(pairs.predicted_depth - pairs.true_depth), pairs.trial)
 
 
-def plate_depth_errors(trials: PlateTrials) -> Sample:
-    """Return |p - t| of the depth of every answered frame, mm."""
-    return plate_errors(trials, "depth")
-
-
 def plate_errors(trials: PlateTrials, field: str) -> Sample:
     """Return |p - t| of a field of the pose, such as "tilt", of every answered frame."""
     trial = np.flatnonzero([pose is not None for pose in trials.predictions])
@@ -231,9 +225,8 @@ def relative_depth_errors(trials: Trials) -> Sample:
     return Sample(np.concatenate(values), np.concatenate(trial))
 
 
-def tilt_errors(trials: PlateTrials) -> Sample:
-    """Return |p - t| of the tilt of every answered frame, deg."""
-    return plate_errors(trials, "tilt")
+plate_depth_errors = partial(plate_errors, field="depth")
+tilt_errors = partial(plate_errors, field="tilt")
 
 
 def answered(trials: PlateTrials) -> Sample:
@@ -273,20 +266,15 @@ def _p(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
     def rows(trials: PlateTrials, rng: np.random.Generator) -> Rows:
         for table in trials.published:
             sample = differences(trials, table, errors)
-            sums = _by_press(sample, trials)
-            if len(sums) > 1:
-                from tactibench.stats import sign_flip_p
+            # The signs of a press's frames flip together.
+            codes, presses = cluster_codes(trials.press[sample.trial], len(sample.trial))
+            if presses > 1:
+                from tactibench.stats import sign_flip_ps
 
-                p = sign_flip_p(sums, rng=rng)
-                yield table, Estimate(p, None, None, len(sample.values), len(sums))
+                (p,) = sign_flip_ps(cluster_sums(sample.values[:, None], codes, presses), rng=rng)
+                yield table, Estimate(p, None, None, len(sample.values), presses)
 
     return rows
-
-
-def _by_press(sample: Sample, trials: PlateTrials) -> FloatArray:
-    """Return the (G,) sums over presses: the signs of a press's frames flip together."""
-    _, codes = np.unique(trials.press[sample.trial], return_inverse=True)
-    return np.bincount(codes, sample.values).astype(np.float64)
 
 
 _FORMULA = "mean of |p - t| - |q - t| over frames that both answered, q the released answer"

@@ -6,19 +6,20 @@ The modules of the metrics are imported when the first metric is asked for.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
 from importlib import import_module
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError, did_you_mean
-from tactibench.metrics.spec import Mask, MetricSpec, Rows, Sample, members
+from tactibench.metrics.spec import Mask, MetricSpec, Sample, members
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.protocols import LoadedProtocol
 from tactibench.records import Metric
@@ -98,7 +99,8 @@ def score(
     rows = []
     for spec in specs:
         random = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
-        rows += [_metric(spec, group, estimate) for group, estimate in _rows(spec, trials, random)]
+        of_groups = _function(spec.name, trials, "contacts", "plates")(trials, random)
+        rows += [_metric(spec, group, estimate) for group, estimate in of_groups]
     return rows
 
 
@@ -117,21 +119,25 @@ def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
     return Metric.model_validate(values)
 
 
-def _rows(spec: MetricSpec, trials: Trials | PlateTrials, rng: np.random.Generator) -> Rows:
-    if isinstance(trials, PlateTrials):
-        if spec.plates is not None:
-            return spec.plates(trials, rng)
-        fitting = [name for name, other in all_metrics().items() if other.plates]
-        kind = "plate poses"
-    else:
-        if spec.contacts is not None:
-            return spec.contacts(trials, rng)
-        fitting = [name for name, other in all_metrics().items() if other.contacts]
-        kind = "contacts"
-    raise UserError(
-        f"metric {spec.name!r} does not apply to answers that are {kind}: "
-        f"the protocol may ask for {', '.join(sorted(fitting))}."
-    )
+def _function(
+    name: str, trials: Trials | PlateTrials, of_contacts: str, of_plates: str
+) -> Callable[..., Any]:
+    """Return the function of a metric for answers of a kind, by the field that holds it.
+
+    Raises:
+        UserError: The metric is unknown, or has no such function.
+    """
+    field = of_plates if isinstance(trials, PlateTrials) else of_contacts
+    function: Callable[..., Any] | None = getattr(find_metric(name), field)
+    if function is None:
+        able = ", ".join(sorted(n for n, spec in all_metrics().items() if getattr(spec, field)))
+        kind = "plate poses" if isinstance(trials, PlateTrials) else "contacts"
+        means = " press by press" if "sample" in field else ""
+        raise UserError(
+            f"metric {name!r} cannot be computed{means} from answers that are {kind}; "
+            f"choose one of {able}."
+        )
+    return function
 
 
 def press_means(
@@ -179,7 +185,7 @@ def _press_sums(
     name: str, trials: Trials | PlateTrials, group: str
 ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
     """Return the sum of a metric's values, and their number, of every press."""
-    sample = _sample(name, trials)
+    sample: Sample = _function(name, trials, "sample", "plate_sample")(trials)
     unique, codes = np.unique(trials.press, return_inverse=True)
     inside = _members(trials, group)[sample.trial]
     press = codes[sample.trial[inside]]
@@ -199,17 +205,3 @@ def _members(trials: Trials | PlateTrials, group: str) -> Mask:
         return members(trials, group)
     everything = np.ones(len(trials), dtype=bool)
     return everything if group == "all" else np.array(trials.group, dtype=object) == group
-
-
-def _sample(name: str, trials: Trials | PlateTrials) -> Sample:
-    spec = find_metric(name)
-    if isinstance(trials, PlateTrials):
-        if spec.plate_sample is not None:
-            return spec.plate_sample(trials)
-    elif spec.sample is not None:
-        return spec.sample(trials)
-    able = sorted(n for n, s in all_metrics().items() if s.sample or s.plate_sample)
-    raise UserError(
-        f"metric {name!r} is no mean over presses and cannot be compared press by press: "
-        f"choose one of {', '.join(able)}."
-    )

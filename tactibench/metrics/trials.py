@@ -49,6 +49,12 @@ class Pairs:
     predicted_depth: FloatArray
     distance: FloatArray
 
+    @property
+    def error(self) -> FloatArray:
+        """The (P, 3) errors of x, y and depth, mm."""
+        apart = self.predicted_depth - self.true_depth
+        return np.column_stack([self.predicted_xy - self.true_xy, apart])
+
     def per_trial(self, trials: int) -> IntArray:
         """Return the (N,) number of pairs in each trial."""
         return np.bincount(self.trial, minlength=trials)

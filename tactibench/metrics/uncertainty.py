@@ -11,7 +11,6 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 from scipy.spatial.distance import cdist
 
 from tactibench.contacts import FloatArray
@@ -36,9 +35,6 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
         UserError: A stated std is not positive.
     """
     pairs, has = trials.matched, _is_stated(trials)
-    error = np.column_stack(
-        [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
-    )[has]
     std = np.array(
         [
             stated[j]
@@ -51,7 +47,7 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
             f"the model states a std of {std.min()} mm, it must be positive: let predict return "
             f"std=None where the model does not know its error."
         )
-    return error / std, std, pairs.trial[has]
+    return pairs.error[has] / std, std, pairs.trial[has]
 
 
 def _is_stated(trials: Trials) -> npt.NDArray[np.bool_]:
@@ -109,36 +105,6 @@ def in_ellipse(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
     """
     inside = (z[:, :2] ** 2).sum(axis=1) <= -2 * math.log(1 - percent / 100)
     return np.asarray(inside, dtype=np.bool_)
-
-
-def in_interval(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
-    """Return whether each z lies in the interval that holds ``percent`` % of one Gaussian.
-
-    The interval is symmetric: |z| <= sqrt(2) erfinv(percent / 100).
-    """
-    inside = np.abs(z) <= math.sqrt(2) * float(special.erfinv(percent / 100))
-    return np.asarray(inside, dtype=np.bool_)
-
-
-def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (A,) RMSE and (A,) bias of errors, both over the root mean square bound.
-
-    These are sqrt(sum e^2 / sum b^2) and mean e / sqrt(mean b^2): rmse^2 = bias^2 + scatter^2, and
-    1 is the smallest RMSE that an unbiased estimate can have. Pairs whose b is not finite are left
-    out, axis by axis; an axis without a finite bound has NaN.
-
-    Args:
-        error: (P, A) errors e.
-        bound: (P, A) Cramer-Rao standard deviations b, in the unit of the errors.
-    """
-    bounded = np.isfinite(bound)
-    count = bounded.sum(axis=0)
-    e, b = np.where(bounded, error, 0.0), np.where(bounded, bound, 0.0)
-    with np.errstate(invalid="ignore"):
-        scale = np.sqrt((b**2).sum(axis=0) / count)
-        rmse = np.sqrt((e**2).sum(axis=0) / count) / scale
-        bias = e.sum(axis=0) / count / scale
-    return np.asarray(rmse, dtype=np.float64), np.asarray(bias, dtype=np.float64)
 
 
 def spacing(xy: FloatArray) -> FloatArray:

@@ -32,6 +32,5 @@ from .paired import crossed_interval as crossed_interval
 from .paired import crossed_p_values as crossed_p_values
 from .paired import grouped as grouped
 from .paired import holm as holm
-from .paired import sign_flip_p as sign_flip_p
 from .paired import sign_flip_ps as sign_flip_ps
 from .paired import welch_p_values as welch_p_values

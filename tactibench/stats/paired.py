@@ -25,38 +25,24 @@ BLOCK = 2**21
 """Random signs drawn at once, to bound the memory."""
 
 
-def sign_flip_p(
-    differences: npt.ArrayLike, *, rng: np.random.Generator, permutations: int = 9999
-) -> float:
-    """Return p = (1 + #{|sum s_i d_i| >= |sum d_i|}) / (1 + permutations), s_i random signs.
-
-    The + 1 counts the data as one of the permutations (Phipson and Smyth 2010), so p is never 0.
-
-    Args:
-        differences: (G,) differences d of the two models, one per press.
-        rng: Random numbers of the signs.
-        permutations: Number of random permutations.
-    """
-    return float(_flipped(finite(differences, "differences"), rng, permutations))
-
-
 def sign_flip_ps(
     differences: npt.ArrayLike, *, rng: np.random.Generator, permutations: int = 9999
 ) -> list[float]:
-    """Return ``sign_flip_p`` of every column of (G, K) differences; all columns share their signs.
+    """Return p = (1 + #{|sum s_i d_i| >= |sum d_i|}) / (1 + permutations) of every column.
 
-    A press that has no difference in a column should be 0 there: its sign then changes nothing.
+    The + 1 counts the data as one of the permutations (Phipson and Smyth 2010), so p is never 0. A
+    press that has no difference in a column should be 0 there: its sign then changes nothing.
+
+    Args:
+        differences: (G, K) differences d of two models, a row a press; all columns share the random
+            signs s.
+        rng: Random numbers of the signs.
+        permutations: Number of random permutations.
 
     Raises:
-        ValueError: The differences are no (G, K) array, or one of them is not finite.
+        ValueError: A difference is not finite.
     """
     d = finite(differences, "differences")
-    if d.ndim != 2:
-        raise ValueError(f"differences have shape {d.shape}, expected (G, K)")
-    return [float(p) for p in _flipped(d, rng, permutations)]
-
-
-def _flipped(d: FloatArray, rng: np.random.Generator, permutations: int) -> FloatArray:
     # a permutation that ties with the data must count in spite of rounding
     observed = np.abs(d.sum(axis=0)) - 1e-12 * np.abs(d).sum(axis=0)
     rows = max(1, BLOCK // max(1, len(d)))
@@ -65,7 +51,7 @@ def _flipped(d: FloatArray, rng: np.random.Generator, permutations: int) -> Floa
         size = (min(rows, permutations - start), len(d))
         signs = 2.0 * rng.integers(2, size=size, dtype=np.int8) - 1.0
         extreme += (np.abs(signs @ d) >= observed).sum(axis=0)
-    return np.asarray((1 + extreme) / (1 + permutations), dtype=np.float64)
+    return [float(p) for p in (1 + extreme) / (1 + permutations)]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -52,7 +52,7 @@ def test_without_any_bound_there_is_no_ratio() -> None:
         assert (row.value, row.n) == (None, 0)
 
 
-@pytest.mark.parametrize("wrong", [np.nan, -np.inf, 0.0, -1.0])
+@pytest.mark.parametrize("wrong", [np.nan, 0.0])
 def test_other_values_are_refused(wrong: float) -> None:
     bound = np.full((3, 3), 0.01)
     bound[1, 2] = wrong

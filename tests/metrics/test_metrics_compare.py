@@ -47,5 +47,5 @@ def test_plates_and_metrics_that_are_no_mean(singles):
     )
     assert press_means("depth_mae_mm", trials)[:, 0].tolist() == [1.0, 3.0]
     assert press_means("coverage", trials)[:, 0].tolist() == [0.5, 1.0]
-    with pytest.raises(UserError, match="'r2' is no mean"):
+    with pytest.raises(UserError, match="'r2' cannot be computed press by press"):
         press_means("r2", singles)

@@ -56,24 +56,11 @@ def test_against_scikit_learn(singles):
 
 
 def test_gaussian_errors_have_rmse_over_mae_of_root_half_pi():
-    found = values(["mae_mm", "rmse_mm"], gaussian(40_000, np.array([0.1, 0.2, 0.05])))
+    found = values(["mae_mm", "rmse_mm"], gaussian(20_000, np.array([0.1, 0.2, 0.05])))
     for axis, sigma in zip("xyz", (0.1, 0.2, 0.05), strict=True):
         rmse, mae = found["rmse_mm", axis].value, found["mae_mm", axis].value
         assert rmse / mae == pytest.approx(np.sqrt(np.pi / 2), rel=0.01)
         assert rmse == pytest.approx(sigma, rel=0.02)
-
-
-def test_an_efficient_estimator_reaches_its_bound():
-    n, sigma = 20_000, np.array([0.1, 0.2, 0.05])
-    trials = gaussian(n, sigma, bound=(sigma[None, :],) * n)
-    for row in score(["rmse_over_bound"], trials, rng=np.random.default_rng(0)):
-        assert row.low < 1 < row.high
-        assert row.high - row.low < 0.05
-
-
-def test_without_a_bound_the_ratio_is_not_available(singles):
-    rows = score(["rmse_over_bound"], singles, rng=np.random.default_rng(0))
-    assert [(r.group, r.value, r.n) for r in rows] == [(a, None, 0) for a in "xyz"]
 
 
 def test_an_outlier_beyond_the_gate_still_counts():

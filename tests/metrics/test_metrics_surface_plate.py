@@ -29,14 +29,6 @@ def test_surface_rmse_pools_cells_and_frames():
     assert rows[0].low is None  # both frames are of one press
 
 
-def test_a_constant_offset_is_its_rmse():
-    maps = np.full((3, 8, 8), 0.5)
-    none = (Contacts.none(),) * 3
-    trials = Trials(none, none, np.arange(3), ("all",) * 3, maps=maps, surface=maps * 6 + 0.25)
-    (row,) = score(["surface_rmse_mm"], trials, rng=np.random.default_rng(0))
-    assert (row.value, row.low, row.high) == pytest.approx((0.25, 0.25, 0.25))
-
-
 def test_excess_is_what_the_model_adds_to_the_floor():
     rng = np.random.default_rng(2)
     floor = rng.uniform(0.1, 0.3, 6)

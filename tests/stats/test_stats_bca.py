@@ -10,12 +10,9 @@ from tactibench.stats import (
     bca_interval,
     bootstrap_values,
     cluster_sums,
-    cluster_weights,
     jackknife_values,
     r_squared,
 )
-
-RESAMPLES = 20_000
 
 
 def mean_of(y, codes=None):
@@ -35,42 +32,6 @@ def test_mean_of_skewed_values_against_scipy(seed, level):
         (y,), np.mean, method="BCa", n_resamples=2000, confidence_level=level, rng=1
     )
     assert found == pytest.approx(tuple(other.confidence_interval), rel=1e-9)
-
-
-def test_r2_against_scipy():
-    rng = np.random.default_rng(3)
-    y = rng.uniform(-6, 6, 60)
-    f = y + rng.normal(0, 2, 60)
-    statistic = r_squared(y, f, np.arange(60), 60)
-    found = bca_interval(statistic, 60, rng=rng, resamples=RESAMPLES, level=0.9)
-    other = stats.bootstrap(
-        (y, f),
-        r2_score,
-        paired=True,
-        vectorized=False,
-        method="BCa",
-        n_resamples=4000,
-        confidence_level=0.9,
-        rng=4,
-    )
-    assert found == pytest.approx(tuple(other.confidence_interval), abs=0.01)
-
-
-def test_whole_clusters_are_drawn():
-    rng = np.random.default_rng(5)
-    weights = cluster_weights(30, 500, rng)
-    assert (weights.sum(axis=1) == 30).all()
-    assert weights.mean(axis=0) == pytest.approx(np.ones(30), abs=0.2)
-    assert weights.var() == pytest.approx(29 / 30, rel=0.05)  # of a multinomial count
-
-
-def test_the_clustered_interval_is_wider_than_that_of_frames():
-    rng = np.random.default_rng(6)
-    press = np.repeat(np.arange(25), 20)
-    y = rng.normal(size=25)[press] + rng.normal(0, 0.3, 500)
-    low, high = bca_interval(mean_of(y, press), 25, rng=rng)
-    low_naive, high_naive = bca_interval(mean_of(y), 500, rng=rng)
-    assert (high - low) > 3 * (high_naive - low_naive)
 
 
 def test_blocks_do_not_change_the_jackknife(monkeypatch):

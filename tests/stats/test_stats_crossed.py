@@ -74,9 +74,7 @@ def test_pairs_are_adjusted_as_one_family() -> None:
     assert adjust_pairs(np.ones((1, 1))).tolist() == [[1.0]]
 
 
-@pytest.mark.parametrize(
-    ("models", "seed_sd", "press_sd"), [(2, 0.1, 0.0), (2, 0.05, 0.5), (6, 0.05, 0.5), (6, 0, 0.5)]
-)
+@pytest.mark.parametrize(("models", "seed_sd", "press_sd"), [(2, 0.1, 0.0), (6, 0.05, 0.5)])
 def test_equal_models_are_told_apart_in_one_table_of_twenty_at_most(
     models: int, seed_sd: float, press_sd: float
 ) -> None:
@@ -93,10 +91,3 @@ def test_equal_models_are_told_apart_in_one_table_of_twenty_at_most(
         split += bool((adjust_pairs(p_of(table)[1]) < 0.05).any())
     # Two standard deviations of a share of 5 % in so many tables are 1.8 %.
     assert split / tables < 0.05 + 0.018
-
-
-def test_a_difference_of_many_seed_deviations_is_found() -> None:
-    rng = np.random.default_rng(3)
-    hard = rng.gamma(2, 1, 400)
-    table = [scale * hard + rng.normal(0, 0.02, (3, 1)) for scale in (1.0, 2.0, 3.0)]
-    assert (adjust_pairs(p_of(table)[1])[np.triu_indices(3, 1)] < 0.05).all()
