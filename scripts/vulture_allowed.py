@@ -53,5 +53,3 @@ n_contacts
 # Keys of the description in a weights file
 license
 made_with
-# Runs that tests store without a computation
-write_run

@@ -201,23 +201,21 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
     with recipe.open_sensor(number) as sensor:
         frames = list(sensor.press_many(scenes))
     if len(frames) != len(scenes):
-        raise UserError(
-            f"sensor {recipe.identity.get('name')!r} made {len(frames)} frames of {len(scenes)} "
-            "scenes; fix the sensor."
-        )
+        raise _wrong(recipe, f"{len(frames)} frames of {len(scenes)} scenes")
     for frame in frames:
         if frame.rest is not None and frame.rest.shape != frame.signal.shape:
-            raise UserError(
-                f"sensor {recipe.identity.get('name')!r} made a frame of shape "
-                f"{frame.signal.shape} with a rest frame of shape {frame.rest.shape}; "
-                "fix the sensor."
-            )
+            shapes = f"{frame.signal.shape} with a rest frame of shape {frame.rest.shape}"
+            raise _wrong(recipe, f"a frame of shape {shapes}")
     columns = 8 if any(scene.pose.moved for scene in recipe.scenes) else 5
     return {
         "images": np.stack([frame.signal for frame in frames]),
         "poses": np.array([astuple(frame.pose)[:columns] for frame in frames], dtype=np.float64),
         **_rests_of(frames),
     }
+
+
+def _wrong(recipe: FrameRecipe, made: str) -> UserError:
+    return UserError(f"sensor {recipe.identity.get('name')!r} made {made}; fix the sensor.")
 
 
 def _rests_of(frames: Sequence[Frame]) -> Chunk:
@@ -253,15 +251,9 @@ def _join_signals(
     chunks: Sequence[npt.NDArray[Any]], recipe: FrameRecipe, rest: Signal
 ) -> npt.NDArray[Any]:
     if rest.dtype not in (np.uint8, np.float32):
-        raise UserError(
-            f"sensor {recipe.identity.get('name')!r} made a rest frame of type {rest.dtype}; give "
-            "uint8 images or float32 channels."
-        )
+        raise _wrong(recipe, f"a rest frame of type {rest.dtype}, neither uint8 nor float32")
     for signals in chunks:
         if signals.shape[1:] != rest.shape or signals.dtype != rest.dtype:
-            raise UserError(
-                f"sensor {recipe.identity.get('name')!r} made frames of shape {signals.shape[1:]} "
-                f"and type {signals.dtype}, but its rest frame has {rest.shape} and {rest.dtype}; "
-                "fix the sensor."
-            )
+            given = f"frames of shape {signals.shape[1:]} and type {signals.dtype}"
+            raise _wrong(recipe, f"{given}, but its rest frame has {rest.shape} and {rest.dtype}")
     return np.concatenate([np.empty((0, *rest.shape), rest.dtype), *chunks])

@@ -67,4 +67,3 @@ from .store import stored_runs as stored_runs
 from .store import unscored_run as unscored_run
 from .store import with_checksum as with_checksum
 from .store import write_answers as write_answers
-from .store import write_run as write_run

@@ -162,38 +162,29 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
 
 
 def write_checked_arrays(
-    path: Path, arrays: Mapping[str, npt.NDArray[Any]], identity: str = "", *, compress: bool = True
+    path: Path, arrays: Mapping[str, npt.NDArray[Any]], *, compress: bool = True
 ) -> None:
-    """Write named arrays with a checksum over them and their identity.
+    """Write named arrays with a checksum over them.
 
     Args:
         path: File to write.
         arrays: Arrays by name.
-        identity: Text that names what the arrays were made from.
         compress: Whether the file is compressed.
     """
-    checksum = np.array(f"{identity} {arrays_hash(arrays)}")
+    checksum = np.array(arrays_hash(arrays))
     write = np.savez_compressed if compress else np.savez
     with atomic(path) as stream:
         write(stream, allow_pickle=False, **arrays, checksum=checksum)
 
 
-def read_checked_arrays(path: Path, identity: str = "") -> dict[str, npt.NDArray[Any]] | None:
-    """Return the arrays of ``write_checked_arrays``.
-
-    Args:
-        path: File to read.
-        identity: Text that names what the arrays must have been made from.
-
-    Returns:
-        None where the file is missing, damaged, or was made from something else.
-    """
+def read_checked_arrays(path: Path) -> dict[str, npt.NDArray[Any]] | None:
+    """Return the arrays of ``write_checked_arrays``; None where the file is missing or damaged."""
     try:
         arrays = read_arrays(path)
         checksum = str(arrays.pop("checksum"))
     except (UserError, KeyError):
         return None
-    return arrays if checksum == f"{identity} {arrays_hash(arrays)}" else None
+    return arrays if checksum == arrays_hash(arrays) else None
 
 
 def arrays_hash(arrays: Mapping[str, npt.NDArray[Any]]) -> str:

@@ -115,24 +115,6 @@ class StoredRun:
         return arrays
 
 
-def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> StoredRun:
-    """Store a run as a whole: its name appears in the store once everything is written.
-
-    A run of the same name is replaced.
-
-    Args:
-        store: Folder of the run store.
-        record: Record of the run, with its metrics.
-        parts: Arrays, by the names of PARTS.
-
-    Raises:
-        UserError: The record breaks an invariant.
-    """
-    with held_name(store, record.name):
-        answers = write_answers(store, record, parts)
-        return complete_run(answers, answers.record)
-
-
 def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> StoredRun:
     """Store the arrays of a run with its record, hidden until ``complete_run`` shows the run.
 

@@ -34,7 +34,6 @@ from .predict import AnswerRules as AnswerRules
 from .predict import Predictions as Predictions
 from .predict import blinded as blinded
 from .predict import predict_frames as predict_frames
-from .predict import resumed_predictions as resumed_predictions
 from .published_predictions import PublishedPredictions as PublishedPredictions
 from .published_predictions import find_published as find_published
 from .published_predictions import published_arrays as published_arrays

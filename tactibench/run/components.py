@@ -155,7 +155,7 @@ def resolve_test_sensor(
         UserError: The options do not fit the protocol or the sensor.
     """
     references = {spec.reference_of: spec.name for spec in host.sensors if spec.reference_of}
-    _refuse(_test_misfits(options, protocol, sensor, host, references))
+    _refuse(_test_misfits(options, protocol, sensor, references))
     if protocol.transfer is not None:
         data_folder(options.data, "--test data=FOLDER")
         name = protocol.defaults.sensor
@@ -274,7 +274,6 @@ def _test_misfits(
     options: TestOptions,
     protocol: Protocol,
     sensor: Sensor,
-    host: PluginHost,
     references: dict[str, str],
 ) -> Iterator[str]:
     """Yield a sentence for everything that does not fit in a test on other frames."""
@@ -305,11 +304,6 @@ def _test_misfits(
             yield (
                 f"{asks} draws no presses for a sensor that makes its own frames, as "
                 f"{sensor.name!r} does; use --data DIR."
-            )
-        if not host.sensors[protocol.defaults.sensor].needs_data:
-            yield (
-                f"{asks} reads the tested recording with sensor {protocol.defaults.sensor!r}, "
-                "which reads no folder; fix its key 'defaults.sensor'."
             )
         return
     if of := sensor.spec.reference_of:

@@ -207,14 +207,7 @@ class AdaptedEvaluation(Evaluation):
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
         """Return the frames of the tested sensor that the model was shown, and its choices."""
-        return {
-            "of_tested_sensor": {
-                "rest_image": True,
-                "unlabelled_frames": 0,
-                "labelled_frames": [self.count],
-                "adapted": [{"shots": self.count, **self.chosen}],
-            }
-        }
+        return _tested_sensor([self.count], [{"shots": self.count, **self.chosen}])
 
 
 class FewShotEvaluation(Evaluation):
@@ -273,19 +266,21 @@ class FewShotEvaluation(Evaluation):
         if self.adapts:
             adapted = [{"shots": count, **self._adapt(count)} for count in self.counts]
             self._adapt(0)
-        return {
-            "of_tested_sensor": {
-                "rest_image": True,
-                "unlabelled_frames": 0,
-                "labelled_frames": list(self.counts),
-                "left_out_calibrated": frames.calibrated,
-                "described": (frames.test_identity or {}).get("describe", {}),
-                "adapted": adapted,
-            }
-        }
+        return _tested_sensor(
+            list(self.counts),
+            adapted,
+            left_out_calibrated=frames.calibrated,
+            described=(frames.test_identity or {}).get("describe", {}),
+        )
 
     def _adapt(self, count: int) -> Mapping[str, Any]:
         return self.model.adapt(list(self.frames[:count]), list(self.labels[:count])) or {}
+
+
+def _tested_sensor(counts: list[int], adapted: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    """Return the entry of a record for what a model saw of the tested sensor, with its rest."""
+    seen = {"rest_image": True, "unlabelled_frames": 0, "labelled_frames": counts}
+    return {"of_tested_sensor": {**seen, **more, "adapted": adapted}}
 
 
 def repeat(rows: Sequence[Row], counts: Sequence[int]) -> list[Row]:

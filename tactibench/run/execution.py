@@ -22,7 +22,6 @@ from tactibench.records import (
     Record,
     StoredRun,
     arrays_hash,
-    beside,
     code_commit,
     held_name,
     make_signature,
@@ -40,7 +39,7 @@ from tactibench.run.evaluation import (
 )
 from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan
-from tactibench.run.predict import Predictions, resumed_predictions
+from tactibench.run.predict import Predictions
 from tactibench.run.reporter import Reporter
 from tactibench.run.request import TestOptions, folder_label
 from tactibench.run.score import score_answers
@@ -80,24 +79,17 @@ def execute(
             return done
         answers = None if fresh else unscored_run(store, name)
         if answers is None:
-            draft = beside(store / name, ".predictions.npz")
-            if fresh:
-                draft.unlink(missing_ok=True)
-            record, arrays = _answer(plan, reporter, draft, timed=timed)
-            answers = write_answers(store, record, arrays)
-            draft.unlink()
+            answers = write_answers(store, *_answer(plan, reporter, timed=timed))
         with reporter.task("score", 1):
             return score_answers(answers, plan.protocol)
 
 
-def _answer(
-    plan: RunPlan, reporter: Reporter, draft: Path, *, timed: bool
-) -> tuple[Record, dict[str, Arrays]]:
+def _answer(plan: RunPlan, reporter: Reporter, *, timed: bool) -> tuple[Record, dict[str, Arrays]]:
     """Return the record of a run that is not scored yet, and its arrays."""
     model, weights = train_model(plan, reporter)
     test = TestFrames.open(plan, reporter)
     evaluation = _evaluation(plan)(plan, model, test, reporter)
-    predictions = resumed_predictions(draft, weights.hash, evaluation.predict)
+    predictions = evaluation.predict()
     truth, maps = evaluation.truth(), predictions.map_arrays
     if plan.frames.source.simulates and not plan.request.quick:
         _add_simulated_truth(plan, test, truth, maps, reporter)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -16,10 +15,8 @@ from tactibench.errors import NotFiniteError, UserError
 from tactibench.plugins import Model, describe_method
 from tactibench.records import (
     Arrays,
-    read_checked_arrays,
     unpack_contacts,
     unpack_plates,
-    write_checked_arrays,
 )
 
 HeatMaps = npt.NDArray[np.float16]
@@ -128,26 +125,6 @@ def blinded(frame: Frame) -> Frame:
     """
     signal = cast("Signal", np.array(frame.signal))
     return Frame(signal, 0.0, Pose(), frame.rest)
-
-
-def resumed_predictions(
-    draft: Path, weights_hash: str, predict: Callable[[], Predictions]
-) -> Predictions:
-    """Return the predictions of a run that was stopped later, or predict and keep a draft of them.
-
-    Args:
-        draft: File of the predictions, which is removed once the answers are stored.
-        weights_hash: Hash of the model's weights; predictions of other weights are not used.
-        predict: Function that predicts.
-    """
-    arrays = read_checked_arrays(draft, weights_hash)
-    if arrays is None:
-        predictions = predict()
-        arrays = {**predictions.arrays, **predictions.map_arrays}
-        write_checked_arrays(draft, arrays, weights_hash, compress=False)
-        return predictions
-    maps = arrays.pop(MAPS, None)
-    return Predictions(arrays, maps)
 
 
 def _checked_answer(

@@ -183,12 +183,6 @@ def test_limits_of_no_possible_press_are_refused(options: dict[str, Any], words:
         api.plot_limit(**{"progress": False, **options})
 
 
-@pytest.mark.parametrize("kind", ["curve", "stability"])
-def test_a_figure_of_nothing_is_refused(kind: str, tmp_path: Path) -> None:
-    with pytest.raises(UserError):
-        api.plot(kind, "exp1", board=tmp_path)
-
-
 def test_answers_that_could_not_be_scored_are_scored_by_name(
     tmp_path: Path, fabricate: Callable[..., Record]
 ) -> None:
@@ -207,9 +201,3 @@ def test_answers_that_could_not_be_scored_are_scored_by_name(
     assert scored.completed
     assert open_run(tmp_path, record.name).record == scored.run.record
     assert scored.run.value("mae_mm", "mean") == pytest.approx(0.05 / 3)
-
-
-def test_progress_is_shown_by_whatever_is_handed_in() -> None:
-    reporter = NullReporter()
-    assert api._reporter(reporter) is reporter
-    assert isinstance(api._reporter(progress=False), NullReporter)

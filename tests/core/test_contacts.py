@@ -61,18 +61,6 @@ def test_top_takes_the_best(table, count):
     assert Contacts(*table[:3]).top(count).std is None
 
 
-def test_none_is_empty():
-    none = Contacts.none()
-    assert len(none) == 0
-    assert none.xy.shape == (0, 2)
-    assert none.std is None
-    assert len(Contacts([], [], [])) == 0
-
-
-def test_truth_has_score_one():
-    assert Contacts.truth([[1, 2], [3, 4]], [5, 6]).score.tolist() == [1, 1]
-
-
 def test_contacts_are_a_copy_and_cannot_be_changed():
     xy = np.array([[1.0, 2.0]])
     contacts = Contacts.truth(xy, [3.0])
@@ -137,11 +125,6 @@ def test_the_protocol_grid():
     assert (row, column) == (pytest.approx(32.5), pytest.approx(31.5))  # y down the rows
 
 
-def test_a_grid_is_no_sequence():
-    with pytest.raises(TypeError, match="axes"):
-        list(Grid.centred(4, 1.0))
-
-
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
 def test_an_indenter_has_a_size(radius):
     with pytest.raises(ValueError, match="radius"):
@@ -164,8 +147,3 @@ def test_a_triple_indenter_is_equilateral_around_its_axis(side, heights):
     np.testing.assert_allclose(tips[:, :2].sum(axis=0), 0, atol=1e-9)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         assert np.linalg.norm(tips[a, :2] - tips[b, :2]) == pytest.approx(side)
-
-
-def test_only_a_plate_is_a_plate():
-    assert Indenter.plate().is_plate
-    assert not Indenter.single().is_plate

@@ -25,15 +25,6 @@ def read(image, size=8):
     return gray_frames([frame(image)], size)[0]
 
 
-def test_a_frame_of_the_right_size_is_taken_as_it_is():
-    image = np.random.default_rng(0).integers(0, 256, (8, 8), dtype=np.uint8)
-    assert np.array_equal(read(image), image)
-
-
-def test_no_frames_are_no_images():
-    assert gray_frames([], 8).shape == (0, 8, 8)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -77,11 +68,6 @@ def test_colours_are_weighted_as_rgb_at_either_end():
     for image, level in ((red, 76), (green, 150), (blue, 29)):  # 255 * (.299, .587, .114)
         assert (read(image) == level).all()
         assert (read(np.moveaxis(image, -1, 0)) == level).all()
-
-
-def test_booleans_are_black_and_white():
-    mask = np.eye(8, dtype=bool)
-    assert np.array_equal(read(mask), np.eye(8) * 255)
 
 
 def test_shrinking_averages_areas_and_keeps_the_mean(grey):

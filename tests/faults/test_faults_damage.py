@@ -10,15 +10,12 @@ from typing import Any
 import pytest
 
 from tactibench import UserError
-from tactibench.board import add
 from tactibench.records import (
     PARTS,
     RECORD,
     Record,
     StoredRun,
     open_run,
-    parse_record,
-    refuse_changed,
     run_names,
 )
 
@@ -91,29 +88,3 @@ def test_every_damaged_byte_of_a_record_is_refused(
         except UserError as error:
             assert RECORD in str(error)  # noqa: PT017
         file.write_bytes(whole)
-
-
-def test_a_committed_record_has_a_seal_of_its_own(
-    copied: Path, first: tuple[Path, Record], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(copied / "lab" / "protocols"))
-    store = copied / "runs"
-    (name,) = run_names(store)
-    added = add(open_run(store, name), copied / "board")
-    values = json.loads(added.path.read_text(encoding="utf-8"))
-    parse_record(values, "it")
-    refuse_changed(values, "it")
-    assert values["identity"]["sealed"] not in (None, first[1].identity.checksum)
-    values["training"]["seconds"] += 1.0
-    with pytest.raises(UserError, match="a value in it was changed"):
-        refuse_changed(values, "it")
-
-
-def test_a_damaged_run_is_named_when_runs_are_added_to_a_board(copied: Path) -> None:
-    from tactibench.cli.board import _complete_runs
-
-    store = copied / "runs"
-    (name,) = run_names(store)
-    (store / name / RECORD).write_text("{")
-    with pytest.raises(UserError, match=name):
-        _complete_runs(store, ("few-exp1-*",))

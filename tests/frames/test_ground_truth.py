@@ -62,22 +62,6 @@ def test_bounds_of_all_contacts_stand_in_one_array(
         assert bounds[6, 0] == pytest.approx(1.04), "the first contact of the fifth press"
 
 
-@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no zip", "flip", "cut"])
-def test_a_damaged_file_is_computed_again(
-    request_of: RequestOf, sensor: Any, counter: Any, tmp_path: Path, damage: bytes | str
-) -> None:
-    presses = open_frames(request_of(), tmp_path)
-    first = true_surfaces(sensor, presses, GRID)
-    (path,) = tmp_path.rglob("surface-*.npz")
-    raw = bytearray(path.read_bytes())
-    raw[len(raw) // 3] ^= 0x10
-    path.write_bytes({"flip": bytes(raw), "cut": bytes(raw)[:40]}.get(str(damage), damage))  # type: ignore[arg-type]
-    np.testing.assert_array_equal(true_surfaces(sensor, presses, GRID), first)
-    assert counter.surfaces == 50
-    true_surfaces(sensor, presses, GRID)
-    assert counter.surfaces == 50
-
-
 def test_nobody_knows(request_of: RequestOf, tmp_path: Path) -> None:
     presses = open_frames(request_of(), tmp_path)
     assert true_surfaces(StubSensor(), presses, GRID) is None
@@ -117,11 +101,6 @@ def test_the_limit_of_a_power_law(scale: float, power: float) -> None:
     assert spacing_limit(Power(scale, power), SCENE) == pytest.approx(expected, rel=1e-4)
     noisy = spacing_limit(Power(scale, power), SCENE, ["light"])
     assert noisy == pytest.approx(expected * 4 ** (1 / power), rel=1e-4)
-
-
-def test_the_spacing_of_the_scene_does_not_matter() -> None:
-    near = Scene(Indenter.dual(0.5), SCENE.pose)
-    assert spacing_limit(Power(), near) == spacing_limit(Power(), SCENE)
 
 
 def test_without_any_difference_there_is_no_limit() -> None:

@@ -21,7 +21,6 @@ from tactibench.records import (
     arrays_hash,
     atomic,
     pack,
-    parse_json,
     read_arrays,
     read_checked_json,
     read_json,
@@ -85,7 +84,7 @@ def test_nan_has_no_meaning_in_json(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("content", [None, b"", b"{", b"\xff", b"[" * 100_000])
+@pytest.mark.parametrize("content", [None, b"{", b"\xff", b"[" * 100_000, b'{"a": 1, "a": 2}'])
 def test_unreadable_json(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "a.json"
     if content is not None:
@@ -167,12 +166,6 @@ def test_what_is_no_plain_file_is_written_to_and_stays(tmp_path: Path) -> None:
     assert pipe.is_fifo()
 
 
-@pytest.mark.parametrize("text", ['{"a": 1, "a": 2}', '{"b": {"a": 1, "a": 1}}', "[1e999]", "NaN"])
-def test_json_that_two_readers_would_read_differently_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="it holds"):
-        parse_json(text)
-
-
 def test_a_checked_object_comes_back_and_a_changed_one_does_not(tmp_path: Path) -> None:
     path = tmp_path / "it.json"
     write_checked_json(path, {"a": 1.5, "b": ["x"]})
@@ -236,10 +229,7 @@ def flip(path: Path) -> None:
 DAMAGES: dict[str, Callable[[Path], object]] = {
     "flipped": flip,
     "cut": lambda path: path.write_bytes(path.read_bytes()[:-5]),
-    "empty": lambda path: path.write_bytes(b""),
     "gone": lambda path: path.unlink(),
-    "binary": lambda path: path.write_bytes(b"\xff\xfe\x00"),
-    "a list": lambda path: path.write_text("[]"),
     "an object": lambda path: path.write_text('{"files": {}}'),
 }
 
@@ -289,12 +279,3 @@ PLATES = st.none() | st.builds(PlatePose, FINITE, FINITE, st.none() | st.tuples(
 @given(st.lists(PLATES, max_size=6))
 def test_plates_come_back(answers: list[PlatePose | None]) -> None:
     assert unpack_plates(pack(answers, "plate")) == tuple(answers)
-
-
-@pytest.mark.parametrize(
-    ("answer", "kind"),
-    [(PlatePose(1, 2), "contacts"), (None, "contacts"), (Contacts.none(), "plate")],
-)
-def test_answers_of_another_kind_are_no_silent_miss(answer: object, kind: str) -> None:
-    with pytest.raises(TypeError, match="1 answers are no"):
-        pack([answer], kind)  # type: ignore[list-item]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import errno
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from stored_answers import write_run
 
 from tactibench import UserError
 from tactibench.records import (
@@ -15,9 +15,7 @@ from tactibench.records import (
     Arrays,
     Record,
     open_run,
-    readable_run,
     stored_runs,
-    write_run,
 )
 from tactibench.records import store as module
 
@@ -113,26 +111,3 @@ def test_an_unreadable_record_is_named_when_asked_for_and_skipped_in_lists(
     assert [run.folder.name for run in stored_runs(tmp_path)] == [record.name]
     with pytest.raises(UserError, match="broken"):
         open_run(tmp_path, "broken")
-
-
-def test_only_a_run_that_can_be_read_is_one(record: Record, parts: Parts, tmp_path: Path) -> None:
-    name = record.name
-    assert readable_run(tmp_path, name) is None
-    run = write_run(tmp_path, record, parts)
-    found = readable_run(tmp_path, name)
-    assert found is not None
-    assert found.record == run.record
-    path = run.folder / "record.json"
-    path.write_text(path.read_text(encoding="utf-8")[:-9], encoding="utf-8")
-    assert readable_run(tmp_path, name) is None
-
-
-def test_a_run_in_the_working_folder_does_not_hide_the_store(
-    record: Record, parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_run(tmp_path / "store", record, parts)
-    here = tmp_path / record.name
-    here.mkdir()
-    (here / "record.json").write_text(json.dumps({"schema": 2}))
-    monkeypatch.chdir(tmp_path)
-    assert len(list(stored_runs(tmp_path / "store"))) == 1

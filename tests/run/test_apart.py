@@ -12,7 +12,7 @@ import pytest
 from tactibench.metrics.detection import gospa
 from tactibench.protocols import load_protocol
 from tactibench.records import StoredRun, unpack_contacts
-from tactibench.run import NullReporter, RunPlan, TestFrames, TestOptions, rescore
+from tactibench.run import NullReporter, RunPlan, TestFrames, rescore
 
 MAIN, BETWEEN, UNEVEN, UNSEEN = 2 * 12 + 4, 11, 8, 2 * 12
 """Test frames of a run: pairs with catch trials, and those that are scored apart."""
@@ -86,21 +86,6 @@ def test_a_sensor_without_instances_leaves_them_out(
 ) -> None:
     groups = {g.partition(":")[0] for one in planned(str(exp2)).frames.test for g in one.groups}
     assert {"heldout"} == groups & {"heldout", "unseen"}
-
-
-def test_another_instance_is_not_tested_on_instances(
-    planned: Callable[..., RunPlan], exp2: Path
-) -> None:
-    options = TestOptions(parameters={"instance": "3"})
-    plan = planned(str(exp2), sensor="several", test=options)
-    groups = {g.partition(":")[0] for one in plan.frames.test for g in one.groups}
-    assert {"heldout"} == groups & {"heldout", "unseen"}
-
-
-def test_a_test_of_few_presses_has_none(planned: Callable[..., RunPlan], exp2: Path) -> None:
-    plan = planned(str(exp2), sensor="several", limit=20)
-    assert not any(one.apart for one in plan.frames.test)
-    assert plan.frames.count("test") == 20
 
 
 def test_the_main_frames_are_those_that_are_timed(

@@ -143,20 +143,6 @@ def test_every_empty_frame_is_tested_again_under_one_fault(
     assert done == [*first, ("shift", 0.25), ("shift", 0.5)]
 
 
-def test_frames_of_another_fault_have_another_hash(
-    planned: Callable[..., RunPlan], hard: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Rows stand in one table when their frames are equal, however a fault is called."""
-
-    def hashes() -> dict[str, str]:
-        return {one.name: one.open(lambda _: None).hash for one in planned(hard).frames.test}
-
-    before = hashes()
-    monkeypatch.setitem(FAULTS, "noise", lambda image, *_: image)
-    after = hashes()
-    assert {name for name in before if before[name] != after[name]} == {"noise"}
-
-
 def test_a_sensor_family_changes_the_sensor_and_nothing_else(
     planned: Callable[..., RunPlan], hard: str
 ) -> None:
@@ -175,15 +161,6 @@ def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
         r"sensor: 'other' has no parameter 'offset'",
     ):
         planned(hard, sensor="other")
-
-
-def test_a_flat_sensor_has_no_edge(
-    planned: Callable[..., RunPlan], hard: str, tiny: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tiny.TinySensor, "dome_radius_mm", float("inf"), raising=False)
-    monkeypatch.setattr(tiny.TinySensor, "deepest_mm", 6.0, raising=False)
-    with pytest.raises(UserError, match="presses a dome as far as its edge"):
-        planned(hard)
 
 
 def test_recorded_folders_and_reference_scenes_are_refused(
@@ -252,17 +229,6 @@ class Fragile(StubModel):
         return [Contacts(np.zeros((count, 2)), np.ones(count), np.ones(count))]
 
 
-class NanMaps(Fragile):
-    """Frame 4 has a map that is not finite."""
-
-    def maps(self, frames: Any) -> Any:
-        self.seen = frames
-        return np.full((1, 1, *SHAPE), np.nan if frames[0].image[0, 0] == 4 else 0.5, np.float32)
-
-    def read_maps(self, _maps: Any) -> list[Any]:
-        return self.predict(self.seen)
-
-
 RULES = AnswerRules("contacts", 2, SHAPE)
 
 
@@ -280,11 +246,6 @@ def test_failures_are_told_apart_and_named() -> None:
     assert failures[0].cause == "IndexError: index 127 is out of bounds [31m"
     assert "xy holds a value that is not finite" in failures[1].cause
     assert "declares at most 2 contacts" in failures[2].cause
-
-
-def test_maps_that_are_not_finite_count_as_such() -> None:
-    _, failures = ask(NanMaps())
-    assert [(one.row, one.raised) for one in failures][-1] == (4, False)
 
 
 def test_other_protocols_stop_loudly() -> None:
@@ -319,9 +280,3 @@ def test_answers_with_failures_are_checked() -> None:
     check_answers(submitted(), "contacts", 6, "a.npz", guarded=True)
     with pytest.raises(UserError, match="nothing besides"):
         check_answers(submitted(), "contacts", 6, "a.npz")
-
-
-def test_missing_failures_are_refused() -> None:
-    answers, _ = ask(Fragile())
-    with pytest.raises(UserError, match="does not hold answers as tactibench packs them"):
-        check_answers(pack(answers, "contacts"), "contacts", 6, "a.npz", guarded=True)

@@ -20,7 +20,6 @@ from tactibench.run import (
     RunPlan,
     choose_device,
     cuda_possible,
-    environment_facts,
     read_parameters,
 )
 
@@ -133,10 +132,8 @@ def test_requests_that_cannot_be_met(
     [
         ({}, None),
         ({"model": "tiny-heat"}, "hertz"),
-        ({"model": "tiny-heat", "regime": "multiple"}, "hertz"),
         ({"model": "tiny-heat", "encoder": "profiles"}, "profiles"),
         ({"model": "tiny-mixture"}, "clouds"),
-        ({"model": "tiny-mixture", "encoder": "clouds"}, "clouds"),
     ],
     ids=str,
 )
@@ -194,27 +191,12 @@ def test_the_plan_says_what_will_be_done(planned: Planned, run: Callable[..., St
     assert "is in the store" in "\n".join(planned("exp2").lines())
 
 
-def test_a_stopped_training_is_announced(planned: Planned, run: Any, tiny: Any) -> None:
-    tiny.TinyModel.fail_in_fit = True
-    with pytest.raises(KeyboardInterrupt):
-        run("exp1")
-    assert "train tiny on cpu from where it stopped" in "\n".join(planned().lines())
-
-
 def test_no_card_is_certain_without_torch(tmp_path: Path) -> None:
     assert not cuda_possible((str(tmp_path / "none"),), "linux")
     assert cuda_possible((str(tmp_path),), "linux")
     assert not cuda_possible((str(tmp_path),), "darwin")
     assert cuda_possible((), "win32")
     assert choose_device("cpu") == "cpu"
-
-
-def test_threads_may_be_a_list(monkeypatch: pytest.MonkeyPatch) -> None:
-    for text, threads in (("3", 3), ("2,1", 2)):
-        monkeypatch.setenv("OMP_NUM_THREADS", text)
-        assert environment_facts()["threads"] == threads
-    monkeypatch.setenv("OMP_NUM_THREADS", "many")
-    assert environment_facts()["threads"] >= 1
 
 
 @pytest.mark.skipif(cuda_possible(), reason="a card may be there: torch has to be asked")

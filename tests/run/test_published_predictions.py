@@ -74,13 +74,6 @@ def test_a_column_that_is_no_number_is_refused(one):
         published_arrays([replace(one, file=keys)], NAMES, NAMES, truth())
 
 
-def test_what_was_not_found_gives_nothing(one):
-    absent = replace(one, path=None)
-    assert published_arrays([absent], NAMES, NAMES, truth()) == {}
-    assert "--published FILE" in absent.describe()
-    assert one.describe() == "the released answers of Net, frame for frame"
-
-
 @pytest.fixture
 def published(monkeypatch, one):
     """One table with the small file, in place of the shipped ones."""

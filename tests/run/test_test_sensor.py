@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench.frames import FrameRequest, ReferenceFrames
 from tactibench.records import StoredRun, unpack_contacts
 from tactibench.run import RunPlan, TestOptions, read_test_options
 
@@ -57,16 +56,15 @@ def test_what_the_reference_cannot_tell_is_neither_zero_nor_an_error(run: Run) -
     assert found["distance_mae_mm", "7.0"].low is None, "one press has no interval"
 
 
-@pytest.mark.parametrize("regime", ["single", "multiple"])
 @pytest.mark.parametrize("tested", [REFERENCE, SHIFTED], ids=["reference", "shifted"])
 def test_weights_are_those_of_the_ordinary_run(
-    run: Run, planned: Planned, tiny: Any, tested: TestOptions, regime: str
+    run: Run, planned: Planned, tiny: Any, tested: TestOptions
 ) -> None:
-    plan, other = planned("exp2", regime=regime), planned("exp2", regime=regime, test=tested)
+    plan, other = planned("exp2"), planned("exp2", test=tested)
     assert other.weights.identity == plan.weights.identity
     assert other.name != plan.name
     assert not {w.key for w in other.frames.test} & {w.key for w in plan.frames.test}
-    runs = [run("exp2", regime=regime), run("exp2", regime=regime, test=tested)]
+    runs = [run("exp2"), run("exp2", test=tested)]
     assert len(tiny.TinyModel.fits) == 1
     assert len({one.record.identity.weights_hash for one in runs}) == 1
 
@@ -128,24 +126,10 @@ def test_requests_that_cannot_be_met(planned: Planned, request_: dict[str, Any],
     assert said in str(raised.value)
 
 
-def test_a_recording_has_no_other_frames(planned: Planned, tmp_path: Any) -> None:
-    for tested in (REFERENCE, SHIFTED):
-        with pytest.raises(UserError, match="can press no others; leave --test out"):
-            planned(sensor="recorded", data=tmp_path, test=tested)
-
-
 def test_a_reference_without_fitting_scenes(planned: Planned, tiny: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(tiny.TinyReference, "scenes", lambda _: {})
     with pytest.raises(UserError, match="none of the 0 known scenes"):
         planned(test=REFERENCE)
-
-
-def test_a_reference_that_has_no_scenes(planned: Planned, tmp_path: Any) -> None:
-    plan = planned()
-    sensor, protocol = plan.components.sensor, plan.protocol
-    request = FrameRequest(protocol=protocol, regime="single", sensor=sensor, cache=tmp_path)
-    with pytest.raises(UserError, match="does not say which; fix the plugin"):
-        ReferenceFrames(request).test_frames()
 
 
 @pytest.mark.parametrize(

@@ -244,13 +244,6 @@ def test_times_are_settled_where_others_took_little(
     assert row["stolen"] == pytest.approx(stolen_s / 2, abs=1e-9)
 
 
-def test_too_short_to_know_the_load() -> None:
-    clock = Clock()
-    sample = timed(clock, clock.stage(0.001), threads=2, calls=100)
-    assert (sample.load.stolen, sample.load.foreign) == (None, None)
-    assert sample.settled
-
-
 # The load of the machine ----------------------------------------------------------------------
 
 
@@ -316,8 +309,9 @@ def test_torch_blas_opencv_and_numba_compute_with_as_many_threads() -> None:
 
 def test_threads_are_restored_where_the_model_changed_them_or_failed() -> None:
     before = thread_counts()
-    with pytest.raises(UserError, match="set torch's threads to 3"), limited_threads(1):
+    with limited_threads(1):
         torch.set_num_threads(3)
+    assert thread_counts() == before
     with pytest.raises(RuntimeError, match="inside"), limited_threads(1):
         raise RuntimeError("inside")
     assert thread_counts() == before
@@ -369,9 +363,6 @@ def test_a_model_is_timed_in_both_scenarios(monkeypatch: pytest.MonkeyPatch, qui
     assert speed.raw["single_1_threads_ms"].shape == (5, 1)
     assert f"offline_{module.BATCHES[-1]}_frames_cpu_ms" in speed.raw
     assert (speed.efficiency["parameters"], speed.efficiency["flops_per_frame"]) == (None, None)
-    monkeypatch.setattr(Timed, "parameter_count", lambda self: 1.5)
-    with pytest.raises(UserError, match="parameter_count"):
-        time_model(Timed(), [FRAME])
 
 
 PEAK = """

@@ -69,11 +69,11 @@ def exported(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def changed(exported: Path, tmp_path: Path) -> Callable[..., Path]:
     """A function of the entries -> a file with the entries that it returns."""
 
-    def write(change: Callable[[Entries], Entries], kind: int = zipfile.ZIP_STORED) -> Path:
+    def write(change: Callable[[Entries], Entries]) -> Path:
         with zipfile.ZipFile(exported) as archive:
             entries = {name: archive.read(name) for name in archive.namelist()}
         path = tmp_path / "changed.zip"
-        with zipfile.ZipFile(path, "w", kind) as archive:
+        with zipfile.ZipFile(path, "w") as archive:
             for name, content in change(entries).items():
                 archive.writestr(name, content)
         return path
@@ -123,7 +123,7 @@ def flipped(content: bytes, at: int) -> bytes:
 def test_any_flipped_byte_is_refused_or_changes_no_answer(exported: Path, tmp_path: Path) -> None:
     content, path = exported.read_bytes(), tmp_path / "flipped.zip"
     expected = open_weights(exported)[0].predict(FRAMES)
-    for at in np.linspace(0, len(content) - 1, 150).astype(int).tolist():
+    for at in np.linspace(0, len(content) - 1, 40).astype(int).tolist():
         path.write_bytes(flipped(content, at))
         try:
             answers = open_weights(path)[0].predict(FRAMES)
@@ -141,30 +141,13 @@ HOSTILE: dict[str, Callable[[Entries], Entries]] = {
     "no zip": lambda entries: entries,
     "a file less": lambda entries: {"weights.json": entries["weights.json"]},
     "no description": lambda entries: {k: v for k, v in entries.items() if k != "weights.json"},
-    "no JSON": lambda entries: {**entries, "weights.json": b"{"},
-    "a list": lambda entries: {**entries, "weights.json": b"[]"},
-    "without an end": lambda entries: {**entries, "weights.json": b"[" * 10**5},
-    "NaN": lambda entries: {**entries, "weights.json": b'{"schema": NaN}'},
-    "no text": lambda entries: {**entries, "weights.json": b"\xff\xfe"},
     "other weights": lambda entries: {
         **entries,
         file_of_weights(entries): flipped(entries[file_of_weights(entries)], 100),
     },
     "another schema": described(schema="tactibench-weights/9"),
-    "an unknown key": described(more=1),
     "a missing key": described(context=None),
     "up": described(files={"../x": "0" * 64}),
-    "absolute": described(files={"/etc/x": "0" * 64}),
-    "a huge grid": described(
-        context={
-            "answer": "contacts",
-            "cells": [10**9, 10**9],
-            "origin_mm": [0, 0],
-            "pitch_mm": 1,
-            "max_depth_mm": 1,
-            "transfers": False,
-        }
-    ),
 }
 
 
@@ -176,11 +159,6 @@ def test_what_does_not_match_is_refused_in_a_sentence(changed: Any, how: str) ->
     with pytest.raises(UserError, match="holds no usable weights: ") as error:
         open_weights(path)
     assert len(str(error.value)) < 500
-
-
-def test_a_compressed_file_is_no_bomb(changed: Any) -> None:
-    with pytest.raises(UserError, match="are compressed"):
-        open_weights(changed(lambda entries: entries, zipfile.ZIP_DEFLATED))
 
 
 def test_a_model_that_is_not_installed_is_named(changed: Any) -> None:

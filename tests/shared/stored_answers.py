@@ -9,7 +9,17 @@ import numpy as np
 from changed_record import changed_record
 
 from tactibench.contacts import Contacts
-from tactibench.records import PARTS, Record, StoredRun, arrays_hash, pack_contacts, write_run
+from tactibench.records import (
+    PARTS,
+    Arrays,
+    Record,
+    StoredRun,
+    arrays_hash,
+    complete_run,
+    held_name,
+    pack_contacts,
+    write_answers,
+)
 
 
 def answered_parts(
@@ -30,6 +40,13 @@ def answered_parts(
     }
     parts["predictions"] = pack_contacts(found)
     return parts
+
+
+def write_run(store: Path, record: Record, parts: dict[str, Arrays]) -> StoredRun:
+    """Store a run as a whole."""
+    with held_name(store, record.name):
+        answers = write_answers(store, record, parts)
+        return complete_run(answers, answers.record)
 
 
 def store_run(
