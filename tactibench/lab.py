@@ -10,6 +10,7 @@ from tactibench.datasets import Press, PressPlan, plan_of_file, plan_of_protocol
 from tactibench.errors import did_you_mean
 from tactibench.protocols import first_mistake, load_protocol
 from tactibench.records import atomic, write_json
+from tactibench.run import open_weights
 
 if TYPE_CHECKING:
     from tactibench.plugins import Model
@@ -106,18 +107,3 @@ def trained_model(
     if not plan.weights.cached:
         raise no_weights(plan)
     return load(plan, NullReporter())[0], label
-
-
-def open_weights(path: Path, *, device: str = "auto") -> tuple[Model, str]:
-    """Return the model of a weights file, ready to answer frames, and its label.
-
-    Args:
-        path: A file of ``tactibench weights export``.
-        device: "auto", "cpu" or "cuda".
-
-    Raises:
-        UserError: The file is damaged, or this installation has no such model.
-    """
-    from tactibench.run import open_weights as open_file
-
-    return open_file(path, device=device)

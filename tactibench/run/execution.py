@@ -30,13 +30,7 @@ from tactibench.records import (
     write_answers,
 )
 from tactibench.run.components import Sensor, describe_target
-from tactibench.run.evaluation import (
-    AdaptedEvaluation,
-    Evaluation,
-    FewShotEvaluation,
-    HardCaseEvaluation,
-    TestFrames,
-)
+from tactibench.run.evaluation import Evaluation, TestFrames
 from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import Predictions
@@ -111,11 +105,13 @@ def _answer(plan: RunPlan, reporter: Reporter, *, timed: bool) -> tuple[Record, 
 
 def _evaluation(plan: RunPlan) -> type[Evaluation]:
     """Return the class of the test that a plan needs."""
+    if not (plan.spec.transfer or plan.request.test.shots or plan.spec.families):
+        return Evaluation
+    from tactibench.run import special_evaluations as special
+
     if plan.spec.transfer is not None:
-        return FewShotEvaluation
-    if plan.request.test.shots:
-        return AdaptedEvaluation
-    return HardCaseEvaluation if plan.spec.families else Evaluation
+        return special.FewShotEvaluation
+    return special.AdaptedEvaluation if plan.request.test.shots else special.HardCaseEvaluation
 
 
 def _add_simulated_truth(

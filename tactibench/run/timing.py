@@ -349,13 +349,8 @@ def time_calls(
         block: Number of calls of a block of the warm-up, and of a round.
         clocks: Clocks that are read.
         advance: Function that is called after every round.
-
-    Raises:
-        ValueError: A model has no stage or frame, or there is no call or no frame in a batch.
     """
     frames_of = frames if isinstance(frames, Mapping) else dict.fromkeys(models, frames)
-    if not (all(models.values()) and all(frames_of.values()) and calls > 0 and batch > 0):
-        raise ValueError("timing needs at least one stage, one frame, one call and a batch")
     sources = {name: _batches(frames_of[name], batch) for name in models}
     raw: dict[str, list[list[float]]] = {name: [] for name in models}
     cpu: dict[str, list[list[float]]] = {name: [] for name in models}

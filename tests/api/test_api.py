@@ -153,6 +153,7 @@ def test_a_figure_has_its_numbers(store: Path, tmp_path: Path) -> None:
         api.plot("fronteer", "exp1", board=board, store=store)
 
 
+@pytest.mark.long
 def test_the_limits_of_a_sensor_have_their_numbers(tmp_path: Path) -> None:
     options: dict[str, Any] = {"reach": 0, "depths": [2], "progress": False}
     made = api.plot_limit(**options)

@@ -96,23 +96,6 @@ def test_turning_the_scene_turns_the_contacts(scene, turn):
     np.testing.assert_allclose(tip_positions(turned)[:, :2], expected, atol=1e-9)
 
 
-@given(st.floats(6.5, 12), place, place, angle, depth)
-def test_dual_contacts_keep_the_distance_and_differ_by_the_dome(distance, x, y, yaw, deep):
-    scene = Scene(Indenter.dual(distance), Pose(x, y, yaw, 0.0, deep))
-    one, two = tip_positions(scene)[:, :2]
-    assert np.linalg.norm(one - two) == pytest.approx(distance)
-    touch = [math.sqrt(23.0**2 - tip @ tip) for tip in (one, two)]
-    first, second = tip_depths(scene)
-    assert first - second == pytest.approx(touch[0] - touch[1])
-
-
-@given(st.tuples(height, height, height), angle, st.floats(3.5, 6))
-def test_triple_on_the_apex_differs_by_the_inserts_alone(heights, yaw, deep):
-    scene = Scene(Indenter.triple(heights), Pose(yaw=yaw, depth=deep))
-    expected = deep - max(heights) + np.array(heights)
-    np.testing.assert_allclose(tip_depths(scene), expected, atol=1e-9)
-
-
 def test_positive_yaw_turns_x_towards_y():
     right = tip_positions(Scene(Indenter.dual(8.0), Pose(1.0, 2.0, yaw=90.0)))[1]
     assert right[:2] == pytest.approx([1.0, 6.0])

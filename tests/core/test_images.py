@@ -42,21 +42,6 @@ def read(image, size=8):
         lambda image: np.asfortranarray(image),
         lambda image: np.repeat(image, 2, axis=1)[:, ::2],
     ],
-    ids=[
-        "(H,W,1)",
-        "(1,H,W)",
-        "(H,W,3)",
-        "(3,H,W)",
-        "(H,W,4)",
-        "(4,H,W)",
-        "int64",
-        "uint16",
-        "float of levels",
-        "float of shares",
-        "float (3,H,W)",
-        "column order",
-        "strided",
-    ],
 )
 def test_what_is_clearly_the_same_picture_is_read_the_same(grey, change):
     assert np.array_equal(read(change(grey)), read(grey))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -106,24 +105,6 @@ def test_a_damaged_chunk_is_made_again(request_of: RequestOf, counter: Any, tmp_
     assert counter.presses == 25 - 7
 
 
-def test_two_at_once_make_it_once(request_of: RequestOf, counter: Any, tmp_path: Path) -> None:
-    hashes: list[str] = []
-    start = threading.Barrier(3)
-
-    def work() -> None:
-        start.wait()
-        hashes.append(open_frames(request_of(), tmp_path).hash)
-
-    workers = [threading.Thread(target=work) for _ in range(3)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
-    assert len(hashes) == 3
-    assert len(set(hashes)) == 1
-    assert counter.presses == 25
-
-
 def test_frames_are_mapped_and_cannot_be_written(request_of: RequestOf, tmp_path: Path) -> None:
     frame = open_frames(request_of(), tmp_path).frames[3]
     assert isinstance(frame.image, np.memmap)
@@ -159,6 +140,7 @@ def test_the_key_holds_every_ingredient(
         request_of(scenes=(Scene(Indenter.single(2.0), scenes[0].pose), *scenes[1:])).key,
         request_of(scenes=(Scene(Indenter.plate(), scenes[0].pose), *scenes[1:])).key,
         request_of(scenes=(scenes[1], scenes[0], *scenes[2:])).key,
+        *(request_of(dome_radius=radius).key for radius in (math.inf, 15.0, 25.0)),
     ]
     monkeypatch.setattr(generated, "CHUNK", 8)
     keys.append(request_of().key)
@@ -282,11 +264,6 @@ def test_a_rest_frame_of_another_shape_is_refused(request_of: RequestOf, tmp_pat
     request = replace(one, build=lambda context: Misshapen(one.build(context)), seed=(8, 1, 0))
     with pytest.raises(UserError, match=r"rest frame of shape \(3, 3\)"):
         open_frames(request, tmp_path)
-
-
-def test_another_shape_is_another_key(request_of: RequestOf) -> None:
-    keys = {request_of(dome_radius=radius).key for radius in (None, math.inf, 15.0, 25.0)}
-    assert len(keys) == 4
 
 
 @pytest.mark.parametrize("radius", [math.inf, 12.0])

@@ -14,7 +14,6 @@ from tactibench.records import (
     code_commit,
     code_hash,
     code_mentions,
-    combined,
     digest,
     installed_versions,
     outside_packages,
@@ -27,11 +26,6 @@ def test_equal_values_have_one_text() -> None:
     assert digest({"a": 1}) != digest({"a": 1.5})
     with pytest.raises(ValueError, match="not JSON compliant"):
         digest(float("nan"))
-
-
-def test_parts_cannot_be_mistaken_for_each_other() -> None:
-    assert combined(["a", "b"]) != combined(["b", "a"])
-    assert combined(["ab"]) != combined(["a", "b"])
 
 
 @pytest.fixture

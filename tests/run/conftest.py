@@ -31,6 +31,12 @@ def timed_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def unscored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs have no metrics: intervals of exp2 take seconds, and few tests look at them."""
+    monkeypatch.setattr("tactibench.run.score.score_arrays", lambda *_: [])
+
+
+@pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The fake plugin's module, with fresh counters."""
     monkeypatch.syspath_prepend(Path(__file__).parent / "fake")

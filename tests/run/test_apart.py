@@ -12,7 +12,7 @@ import pytest
 from tactibench.metrics.detection import gospa
 from tactibench.protocols import load_protocol
 from tactibench.records import StoredRun, unpack_contacts
-from tactibench.run import NullReporter, RunPlan, TestFrames, rescore
+from tactibench.run import RunPlan, rescore
 
 MAIN, BETWEEN, UNEVEN, UNSEEN = 2 * 12 + 4, 11, 8, 2 * 12
 """Test frames of a run: pairs with catch trials, and those that are scored apart."""
@@ -32,6 +32,7 @@ def without_apart(protocol: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_tests_apart_change_nothing_of_the_main_one(
     run: Callable[..., StoredRun], exp2: Path
 ) -> None:
@@ -86,11 +87,3 @@ def test_a_sensor_without_instances_leaves_them_out(
 ) -> None:
     groups = {g.partition(":")[0] for one in planned(str(exp2)).frames.test for g in one.groups}
     assert {"heldout"} == groups & {"heldout", "unseen"}
-
-
-def test_the_main_frames_are_those_that_are_timed(
-    planned: Callable[..., RunPlan], exp2: Path
-) -> None:
-    test = TestFrames.open(planned(str(exp2), sensor="several"), NullReporter())
-    assert test.main_frames == MAIN
-    assert len(test.frames) == MAIN + BETWEEN + UNEVEN + UNSEEN

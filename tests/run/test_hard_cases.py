@@ -22,7 +22,6 @@ from tactibench.run import (
     RunPlan,
     TestOptions,
     failure_arrays,
-    failures_record,
     metric_differences,
     predict_frames,
     predict_or_fail,
@@ -172,13 +171,6 @@ def test_recorded_folders_and_reference_scenes_are_refused(
         planned(hard, test=TestOptions(reference=True))
 
 
-def test_quick_spreads_over_the_cases(planned: Callable[..., RunPlan], hard: str) -> None:
-    plan = planned(hard, quick=True)
-    assert plan.frames.count("test") == 40
-    assert len({group for wanted in plan.frames.test for group in wanted.groups}) > 30
-    assert any(re.search(r"40 \(\d+ sets\)", line) for line in plan.lines())
-
-
 def test_a_run_counts_failures_names_them_and_scores_again(
     run: Callable[..., Any], hard: str, no_pixels: None, tiny: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,15 +252,6 @@ def test_an_interruption_is_no_failure_of_the_model() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         ask(Stopped())
-
-
-def test_the_record_names_every_cause_once_with_its_first_case() -> None:
-    _, failures = ask(Fragile())
-    arrays = failure_arrays([*failures, failures[0]])
-    found = failures_record(arrays, ["a:0", "blur:1", "blur:2", "dim:1", "b:0", "c:0"])
-    assert found["frames"] == 4
-    first = found["causes"][0]
-    assert (first["first"], first["frames"]) == ("blur:1", 2)
 
 
 def submitted(**more: Any) -> dict[str, Any]:

@@ -35,6 +35,7 @@ def test_spread_takes_evenly(rows: int, count: int | None) -> None:
     assert not gaps or max(gaps) - min(gaps) <= 1
 
 
+@pytest.mark.usefixtures("unscored")
 def test_quick_is_small_and_partial(planned: Planned, run: Callable[..., StoredRun]) -> None:
     plan = planned("exp2", quick=True)
     assert plan.components.model.values["epochs"] == 2
@@ -55,6 +56,7 @@ def test_quick_epochs_do_not_override_what_was_asked(planned: Planned) -> None:
 
 
 @pytest.mark.parametrize("limit", [1, 5, 13, 28, 99])
+@pytest.mark.usefixtures("unscored")
 def test_a_limit_is_spread_over_all_sets(
     planned: Planned, run: Callable[..., StoredRun], limit: int
 ) -> None:
@@ -174,6 +176,7 @@ def test_parameters_are_read() -> None:
         read_parameters(("model.a=1", "model.a=2"))
 
 
+@pytest.mark.usefixtures("unscored")
 def test_the_plan_says_what_will_be_done(planned: Planned, run: Callable[..., StoredRun]) -> None:
     text = "\n".join(planned("exp2", store="none").lines())
     assert "generate 30 (singles) and 10 (singles, validation) frames on tactip-127" in text

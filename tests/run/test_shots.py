@@ -11,7 +11,7 @@ import pytest
 from tactibench import UserError
 from tactibench.board import command_options, rows_of
 from tactibench.records import StoredRun
-from tactibench.run import RunPlan, TestOptions, read_test_options
+from tactibench.run import RunPlan, TestOptions
 
 Planned = Callable[..., RunPlan]
 Run = Callable[..., StoredRun]
@@ -86,28 +86,6 @@ def test_the_record_the_plan_the_row_and_the_signature_say_it(
     rows = rows_of([record, other])
     assert [row.label for row in rows] == ["tiny (single)", "tiny, 10 labelled presses (single)"]
     assert {command_options(row.first) for row in rows} == {" --test sensor.offset=9.0"}
-
-
-def test_options_are_read_as_they_are_written() -> None:
-    options = read_test_options(("sensor.instance=1", "shots=50"))
-    assert options.shots == 50
-    assert read_test_options(tuple(options.texts)) == options
-
-
-@pytest.mark.parametrize(
-    ("texts", "said"),
-    [
-        (("shots=-1",), "is no number of presses"),
-        (("shots=ten",), "is no number of presses"),
-        (("shots=",), "is no number of presses"),
-        (("shots=10001",), "from 0 to 10,000"),
-        (("shots=5", "shots=5"), "given twice"),
-        (("shot=5",), "changes no sensor"),
-    ],
-)
-def test_wrong_numbers(texts: tuple[str, ...], said: str) -> None:
-    with pytest.raises(UserError, match=said):
-        read_test_options(texts)
 
 
 @pytest.mark.parametrize(

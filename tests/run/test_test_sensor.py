@@ -141,17 +141,23 @@ def test_a_reference_without_fitting_scenes(planned: Planned, tiny: Any, monkeyp
         ("model.width=2", "changes no sensor"),
         ("sensor.=2", "changes no sensor"),
         ("", "is neither the word 'reference' nor sensor.NAME=VALUE"),
+        ("shots=-1", "is no number of presses"),
+        ("shots=10001", "from 0 to 10,000"),
+        ("shots=5,shots=5", "given twice"),
     ],
 )
 def test_words_that_are_not_understood(text: str, said: str) -> None:
     with pytest.raises(UserError) as raised:
-        read_test_options((text,))
+        read_test_options(tuple(text.split(",")))
     assert said in str(raised.value)
-    assert "\n" not in str(raised.value)
 
 
-@given(st.booleans(), st.dictionaries(st.sampled_from("abc"), st.text(max_size=3)))
-def test_what_is_read_can_be_asked_again(reference: bool, parameters: dict[str, str]) -> None:
-    asked = TestOptions(reference, parameters)
+@given(
+    st.booleans(), st.dictionaries(st.sampled_from("abc"), st.text(max_size=3)), st.integers(0, 99)
+)
+def test_what_is_read_can_be_asked_again(
+    reference: bool, parameters: dict[str, str], shots: int
+) -> None:
+    asked = TestOptions(reference, parameters, shots=shots)
     assert read_test_options(tuple(asked.texts)) == asked
     assert bool(asked) == bool(asked.texts)

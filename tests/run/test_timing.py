@@ -13,9 +13,6 @@ import numba
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from threadpoolctl import threadpool_info
 
 from tactibench import Contacts, Frame, Model, Pose, UserError
@@ -24,7 +21,6 @@ from tactibench.run import (
     Counters,
     LatencySample,
     Load,
-    counters,
     declared_stages,
     limited_threads,
     parse_stat,
@@ -147,8 +143,7 @@ def test_batches_take_frames_in_turn() -> None:
     assert {*seen["b"]} == {("x", "y"), ("z", "x")}
 
 
-@pytest.mark.parametrize("was_on", [True, False])
-def test_the_collector_is_off_in_calls_and_restored(was_on: bool) -> None:
+def test_the_collector_is_off_in_calls_and_restored() -> None:
     states: list[bool] = []
 
     def fail(value: Any) -> None:
@@ -157,23 +152,10 @@ def test_the_collector_is_off_in_calls_and_restored(was_on: bool) -> None:
             raise RuntimeError("stop")
 
     before = gc.isenabled()
-    try:
-        (gc.enable if was_on else gc.disable)()
-        with pytest.raises(RuntimeError, match="stop"):
-            timed(Clock(), ("all", fail))
-        assert gc.isenabled() is was_on
-    finally:
-        (gc.enable if before else gc.disable)()
+    with pytest.raises(RuntimeError, match="stop"):
+        timed(Clock(), ("all", fail))
+    assert gc.isenabled() is before
     assert not any(states)
-
-
-@pytest.mark.parametrize(
-    ("stages", "frames", "more"),
-    [([], "a", {}), ([("a", id)], "", {}), ([("a", id)], "a", {"calls": 0})],
-)
-def test_impossible_jobs_are_refused(stages: Any, frames: str, more: Any) -> None:
-    with pytest.raises(ValueError, match="timing needs"):
-        timed(Clock(), *stages, frames=frames, **more)
 
 
 def sample_of(raw: Any, phases: tuple[str, ...], warm: bool = True) -> LatencySample:
@@ -193,15 +175,6 @@ def test_quantiles_of_a_ramp() -> None:
         assert (row["scenario"], row["threads"], row["batch"]) == ("offline", 2, 4)
         assert row["settled"] is True
         assert {type(value) for value in row.values()} <= {str, int, float, bool, type(None)}
-
-
-@given(arrays(np.float64, (17, 3), elements=st.floats(0.001, 1e4)))
-def test_rows_are_ordered_and_add_up(raw: Any) -> None:
-    rows = sample_of(raw, ("a", "b", "c"), warm=False).rows("single")
-    for row in rows:
-        assert row["p50_ms"] <= row["p90_ms"] <= row["p99_ms"]
-        assert row["settled"] is False
-    assert sum(row["mean_ms"] for row in rows[:3]) == pytest.approx(rows[3]["mean_ms"])
 
 
 @pytest.mark.parametrize(
@@ -275,15 +248,6 @@ def test_shares_between_two_moments(
     found = Load.between(before, after)
     assert (found.foreign, found.stolen) == (pytest.approx(foreign), pytest.approx(stolen))
     assert found.quiet is quiet
-
-
-def test_this_system_counts_forward(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    first, second = counters(), counters()
-    if first is not None and second is not None:
-        assert second.total_s >= first.total_s > 0
-        assert second.own_s >= first.own_s
-    monkeypatch.setattr(module, "_STAT", tmp_path / "none")
-    assert counters() is None
 
 
 # Threads --------------------------------------------------------------------------------------
@@ -376,6 +340,7 @@ print(small, large)
 """Asked in a process of its own: an earlier test's larger array would hide this one."""
 
 
+@pytest.mark.long
 def test_a_large_array_shows_in_the_peak() -> None:
     said = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True)
     small, large = (None if word == "None" else float(word) for word in said.stdout.split())

@@ -113,6 +113,7 @@ def done(planned: Plan, place: Path) -> Done:
     return run_of
 
 
+@pytest.mark.long
 def test_every_test_frame_is_answered_for_every_number_of_labelled_frames(
     done: Done, place: Path
 ) -> None:
@@ -243,7 +244,7 @@ def submitted(
     return made
 
 
-@pytest.mark.parametrize("model", ["kernel", "mean"])
+@pytest.mark.parametrize("model", [pytest.param("kernel", marks=pytest.mark.long), "mean"])
 def test_a_submission_is_scored_again_on_the_recording_that_was_tested(
     submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path, model: str
 ) -> None:
@@ -254,6 +255,7 @@ def test_a_submission_is_scored_again_on_the_recording_that_was_tested(
     assert groups == ({"0"} if model == "mean" else {"0", "5", "20"})
 
 
+@pytest.mark.long
 def test_a_submission_needs_the_recording_that_was_tested(
     submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -1,0 +1,263 @@
+"""The tests of models that are shown labelled frames, or that meet hard cases.
+
+Tests after a few labelled frames of the tested sensor: a protocol that changes the sensor names
+several numbers of labelled frames. Every test frame is answered once for each number, and these
+answers are a group that is named by the number. A model that cannot adapt is shown no labelled
+frame and has the group "0". With other protocols ``--test shots=N`` requests one number. Their
+groups stay the same.
+
+Tests on hard cases: a frame on which a model fails is counted, and the run continues. With every
+other protocol the run stops at such a frame with an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tactibench.contacts import Answer, Contacts, Frame
+from tactibench.errors import NotFiniteError
+from tactibench.frames import true_answers
+from tactibench.plugins import Model
+from tactibench.records import Arrays, pack
+from tactibench.run.components import cannot_adapt
+from tactibench.run.evaluation import Evaluation, TestFrames, example_arrays, truth_arrays
+from tactibench.run.plan import RunPlan
+from tactibench.run.predict import (
+    AnswerRules,
+    Answers,
+    BadAnswerError,
+    HeatMaps,
+    Predictions,
+    predict_frames,
+)
+from tactibench.run.reporter import Reporter, open_frames
+from tactibench.run.timing import Speed
+
+Row = TypeVar("Row")
+FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
+"""Arrays of ``failure_arrays``: kind of type, and shape of a row."""
+LONGEST_CAUSE = 200
+"""Characters of a cause that are stored: a message may hold a whole array."""
+MOST_CAUSES = 20
+"""Causes that a record names; it counts the frames of all causes."""
+
+
+class AdaptedEvaluation(Evaluation):
+    """The test of a model that has adapted to labelled presses of the tested sensor.
+
+    Attributes:
+        count: Number of labelled presses.
+        chosen: What the model chose when it adapted.
+
+    Raises:
+        UserError: The model cannot adapt.
+    """
+
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        super().__init__(plan, model, test, reporter)
+        few_shot = plan.frames.few_shot
+        assert few_shot is not None  # noqa: S101 - a plan with shots has them
+        presses = open_frames(few_shot, reporter)
+        labels = true_answers(plan.spec, [presses])
+        self.count = len(presses)
+        with reporter.task("adapt", self.count) as advance:
+            chosen = model.adapt(list(presses.frames), labels)
+            advance(self.count)
+        # Whether a model adapts may depend on its parameters or its training.
+        if chosen is None:
+            raise cannot_adapt(plan.components.model.label)
+        self.chosen = chosen
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return the frames of the tested sensor that the model was shown, and its choices."""
+        return _tested_sensor([self.count], [{"shots": self.count, **self.chosen}])
+
+
+class FewShotEvaluation(Evaluation):
+    """The test of a model on another sensor, once for each number of its labelled frames.
+
+    Attributes:
+        counts: Numbers of labelled frames; (0,) for a model that cannot adapt.
+        frames: Labelled frames of the tested sensor.
+        labels: True answers to these frames.
+        adapts: Whether the model can adapt.
+    """
+
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        super().__init__(plan, model, test, reporter)
+        self.counts: tuple[int, ...] = (0,)
+        self.frames: Sequence[Frame] = ()
+        self.labels: Sequence[Answer] = ()
+        transfer, few_shot = plan.spec.transfer, plan.frames.few_shot
+        self.adapts = model.adapt([], []) is not None
+        if self.adapts and transfer is not None and few_shot is not None:
+            presses = open_frames(few_shot, reporter)
+            self.counts = transfer.shots
+            self.frames, self.labels = presses.frames, true_answers(plan.spec, [presses])
+
+    def predict(self) -> Predictions:
+        """Return the answers after each number of labelled frames, one number after the other.
+
+        The heatmaps are those without labelled frames. The model is left as it was trained.
+        """
+        frames = self.test.frames
+        answers: Answers = []
+        heat: HeatMaps | None = None
+        with self.reporter.task("predict", len(frames) * len(self.counts)) as advance:
+            for count in self.counts:
+                self._adapt(count)
+                predicted, maps = predict_frames(self.model, frames, self.rules, advance)
+                answers += predicted
+                heat = maps if count == 0 else heat
+        self._adapt(0)
+        return Predictions(pack(answers, self.kind), heat)
+
+    def truth(self) -> Arrays:
+        """Return the true answers once for each number of labelled frames."""
+        test, counts = self.test, self.counts
+        return truth_arrays(
+            self.kind,
+            repeat(test.truth, counts),
+            repeat(test.clusters, counts),
+            count_groups(len(test.frames), counts),
+        )
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return the frames of the tested sensor that the model was shown, and its choices."""
+        frames = self.plan.frames
+        adapted = []
+        if self.adapts:
+            adapted = [{"shots": count, **self._adapt(count)} for count in self.counts]
+            self._adapt(0)
+        return _tested_sensor(
+            list(self.counts),
+            adapted,
+            left_out_calibrated=frames.calibrated,
+            described=(frames.test_identity or {}).get("describe", {}),
+        )
+
+    def _adapt(self, count: int) -> Mapping[str, Any]:
+        return self.model.adapt(list(self.frames[:count]), list(self.labels[:count])) or {}
+
+
+def _tested_sensor(counts: list[int], adapted: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    """Return the entry of a record for what a model saw of the tested sensor, with its rest."""
+    seen = {"rest_image": True, "unlabelled_frames": 0, "labelled_frames": counts}
+    return {"of_tested_sensor": {**seen, **more, "adapted": adapted}}
+
+
+def repeat(rows: Sequence[Row], counts: Sequence[int]) -> list[Row]:
+    """Return the rows of all test frames, once for each number of labelled frames."""
+    return list(rows) * len(counts)
+
+
+def count_groups(frames: int, counts: Sequence[int]) -> list[str]:
+    """Return the group of every answer: the number of labelled frames before it."""
+    return [str(count) for count in counts for _ in range(frames)]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A frame without an answer.
+
+    Attributes:
+        row: Row of the frame.
+        raised: Whether an exception was raised; otherwise a number was not finite.
+        cause: Type and message of the exception, on one line.
+    """
+
+    row: int
+    raised: bool
+    cause: str
+
+
+class HardCaseEvaluation(Evaluation):
+    """The test of a model on frames on which it may fail.
+
+    It is not timed: the weights are those of other protocols, which time them.
+    """
+
+    def predict(self) -> Predictions:
+        """Return the answers, with no contacts where the model failed, and the failures."""
+        frames = self.test.frames
+        with self.reporter.task("predict", len(frames)) as advance:
+            answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
+        return Predictions({**pack(answers, self.kind), **failure_arrays(failures)})
+
+    def time(self) -> Speed:
+        """Return no times."""
+        return Speed()
+
+    def examples(self) -> Arrays:
+        """Return the first frame of every case."""
+        first = {group: row for row, group in reversed(list(enumerate(self.test.groups)))}
+        return example_arrays(self.test.frames, sorted(first.values()))
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:
+        """Return the number of frames on which the model failed, and the causes."""
+        return {"failures": failures_record(predictions.arrays, self.test.groups)}
+
+
+def predict_or_fail(
+    model: Model, frames: Sequence[Frame], rules: AnswerRules, advance: Any
+) -> tuple[Answers, list[Failure]]:
+    """Return the answers of ``predict_frames``, and the frames on which the model failed.
+
+    The answer to such a frame has no contacts. An exception that does not come from the model, such
+    as an interruption, is not caught.
+
+    Args:
+        model: The trained model.
+        frames: Test frames.
+        rules: Limits of the answers.
+        advance: Function that is called after every frame.
+    """
+    answers: Answers = []
+    failures: list[Failure] = []
+    for row, frame in enumerate(frames):
+        try:
+            predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's
+            raised = not isinstance(error, NotFiniteError)
+            failures.append(Failure(row, raised, _cause(error)))
+            predicted = [Contacts.none()]
+        answers += predicted
+        advance(1)
+    return answers, failures
+
+
+def failure_arrays(failures: Sequence[Failure]) -> Arrays:
+    """Return the arrays that are stored with the answers, for F frames without an answer.
+
+    These are failed (F,) rows of the frames, raised (F,) and cause (F,).
+    """
+    return {
+        "failed": np.array([failure.row for failure in failures], dtype=np.int64),
+        "raised": np.array([failure.raised for failure in failures], dtype=bool),
+        "cause": np.array([failure.cause for failure in failures], dtype=np.str_),
+    }
+
+
+def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[str, Any]:
+    """Return the number of failed frames, and causes with their first case and number of frames.
+
+    Args:
+        arrays: Arrays of ``failure_arrays``.
+        groups: Group of every test frame.
+    """
+    causes: dict[str, dict[str, Any]] = {}
+    for row, cause in zip(arrays["failed"].tolist(), arrays["cause"].tolist(), strict=True):
+        entry = causes.setdefault(cause, {"cause": cause, "first": groups[row], "frames": 0})
+        entry["frames"] += 1
+    return {"frames": len(arrays["failed"]), "causes": list(causes.values())[:MOST_CAUSES]}
+
+
+def _cause(error: BaseException) -> str:
+    """Return type and message of an exception on one line: "ValueError: shapes do not fit"."""
+    message = error.found if isinstance(error, BadAnswerError) else str(error)
+    text = " ".join(f"{type(error).__name__}: {message}".split())
+    return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]
