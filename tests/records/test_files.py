@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -94,6 +94,7 @@ ARRAYS = st.dictionaries(
 )
 
 
+@settings(max_examples=30)
 @given(ARRAYS)
 def test_arrays_come_back(
     tmp_path_factory: pytest.TempPathFactory, arrays: dict[str, np.ndarray]
@@ -238,6 +239,7 @@ def contacts(draw: st.DrawFn) -> Contacts:
     )
 
 
+@settings(max_examples=40)
 @given(st.lists(contacts(), max_size=6))
 def test_contacts_come_back(answers: list[Contacts]) -> None:
     again = unpack_contacts(pack(answers, "contacts"))
