@@ -27,7 +27,7 @@ from tactibench.frames.source import (
     spread,
     spread_over_sets,
 )
-from tactibench.plugins import INSTANCE, NOMINAL, Sensor, SensorContext, SensorSpec
+from tactibench.plugins import INSTANCE, NOMINAL, Sensor, SensorContext, SensorSpec, Value
 from tactibench.protocols import (
     FIT,
     LABELLED_STREAM,
@@ -108,7 +108,8 @@ class SensorFrames:
     @cached_property
     def sensor(self) -> Sensor:
         """Return the sensor, to be asked and not to be pressed."""
-        return self.open(np.random.SeedSequence(0))
+        sensor: Sensor = self.component.build(SensorContext(np.random.SeedSequence(0)))
+        return sensor
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -120,16 +121,11 @@ class SensorFrames:
         """Return the protocol on the sensor's own surface."""
         return pressable(self.protocol, self.sensor)
 
-    def open(self, seed: np.random.SeedSequence) -> Sensor:
-        """Return a sensor with this seed."""
-        sensor: Sensor = self.component.build(SensorContext(seed))
-        return sensor
-
-    def on_instance(self, instance: int) -> SensorFrames:
-        """Return the frames of another sensor of the same make, pressed as this one."""
+    def with_values(self, **values: Value) -> SensorFrames:
+        """Return the frames of a sensor with other parameters, pressed as this one."""
         component = self.component
-        values = {**component.values, INSTANCE: instance}
-        return replace(self, component=BoundSpec(component.spec, values, component.origin))
+        changed = BoundSpec(component.spec, {**component.values, **values}, component.origin)
+        return replace(self, component=changed)
 
     def draw(self, name: str) -> SceneSet:
         """Return the scenes of one of the protocol's draws on the sensor's surface."""
@@ -225,7 +221,8 @@ class DrawnFrames(FrameSource):
         return FramePlan(
             source=self,
             fit=tuple(
-                self._frame_set(self.training, "fit", name, rows, FIT) for name, rows in fit.items()
+                self._frame_set(self.training, "fit", name, rows, self._part(name, FIT))
+                for name, rows in fit.items()
             ),
             validation=(
                 self._frame_set(self.training, "validation", split.draw, validation, VALIDATION),
@@ -251,7 +248,7 @@ class DrawnFrames(FrameSource):
             count, seed = len(rows[split.draw]), self.testing.protocol.data_seed
             rows[split.draw] = split_presses(count, split, seed).test
         sets = [
-            self._frame_set(self.testing, "test", name, chosen, TEST)
+            self._frame_set(self.testing, "test", name, chosen, self._part(name, TEST))
             for name, chosen in spread_over_sets(rows, self.request.test_count).items()
         ]
         if self.request.test_count is None:
@@ -269,27 +266,13 @@ class DrawnFrames(FrameSource):
             scenes = self.testing.draw(name).scenes
             if not apart.instances:
                 group, rows = subgroup(apart.name, name), range(len(scenes))
-                yield self._set_apart(self.testing, name, rows, WHOLE, group)
+                yield self._frame_set(self.testing, "test", name, rows, WHOLE, group)
             elif self.testing.component.values.get(INSTANCE) == NOMINAL:
                 for turn, instance in enumerate(apart.instances):
                     rows = range(turn, len(scenes), len(apart.instances))
-                    frames = self.testing.on_instance(instance)
+                    frames = self.testing.with_values(**{INSTANCE: instance})
                     group = subgroup(apart.name, f"{INSTANCE}-{instance}")
-                    yield self._set_apart(frames, name, rows, FIRST_INSTANCE + turn, group)
-
-    def _set_apart(
-        self, frames: SensorFrames, name: str, rows: Sequence[int], part: int, group: str
-    ) -> GeneratedFrameSet:
-        scenes = frames.draw(name).scenes
-        return frames.frame_set(
-            "test",
-            name,
-            [scenes[row] for row in rows],
-            [f"{name}-{row}" for row in rows],
-            part,
-            groups=[group] * len(rows),
-            apart=True,
-        )
+                    yield self._frame_set(frames, "test", name, rows, FIRST_INSTANCE + turn, group)
 
     def _labelled_frames(self) -> FrameSet:
         """Return labelled presses of the tested sensor; a hidden seed draws the test alone."""
@@ -306,21 +289,43 @@ class DrawnFrames(FrameSource):
             groups=["all"] * len(scenes),
         )
 
+    def _part(self, name: str, part: int) -> int:
+        """Return the number of a part; only the split's draw is divided."""
+        return part if name == self.split.draw else WHOLE
+
     def rejected(self) -> int:
         """Return how many candidates of the test draws did not fit the workspace."""
         names = [name for name in self.spec.tested_draws if name != self.split.draw]
         return sum(self.testing.draw(name).rejected for name in names)
 
     def _frame_set(
-        self, frames: SensorFrames, role: str, name: str, rows: Sequence[int], part: int
+        self,
+        frames: SensorFrames,
+        role: str,
+        name: str,
+        rows: Sequence[int],
+        part: int,
+        apart: str | None = None,
     ) -> GeneratedFrameSet:
+        """Return the frames of some rows of a draw.
+
+        Args:
+            frames: The sensor that presses.
+            role: "fit", "validation" or "test".
+            name: Name of the draw.
+            rows: Numbers of the presses in the draw.
+            part: Number of the part of the draw.
+            apart: Group of the frames where they are scored apart; None: they are not.
+        """
         scenes = frames.draw(name).scenes
         return frames.frame_set(
             role,
             name,
             [scenes[row] for row in rows],
             [f"{name}-{row}" for row in rows],
-            part if name == self.split.draw else WHOLE,
+            part,
+            groups=None if apart is None else [apart] * len(rows),
+            apart=apart is not None,
         )
 
 

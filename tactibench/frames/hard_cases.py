@@ -24,7 +24,7 @@ from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, FrameSet, spread
 from tactibench.plugins import IMAGE, Sensor
 from tactibench.protocols import PATIENCE, Family, Workspace, case, untouched
-from tactibench.records import BoundSpec, arrays_hash, combined, digest
+from tactibench.records import arrays_hash, combined, digest
 
 PART = 5
 """Number of the part, whose frames have noise of their own: not used by ``protocols.split`` or for
@@ -212,16 +212,14 @@ class HardCaseFrames(DrawnFrames):
         frames, protocol = self.testing, self.request.protocol
         if not given:
             return frames
-        component = frames.component
         try:
-            changed = component.spec.settings(given)
+            changed = frames.component.spec.settings(given)
         except UserError as error:
             raise UserError(
                 f"family {family.name!r} of protocol {protocol.spec.id!r} changes the sensor: "
                 f"{error}"
             ) from None
-        values = {**component.values, **{name: changed[name] for name in given}}
-        return replace(frames, component=BoundSpec(component.spec, values, component.origin))
+        return frames.with_values(**{name: changed[name] for name in given})
 
     def _scene(self, family: Family, value: float, press: int) -> Scene:
         protocol = self.testing.protocol

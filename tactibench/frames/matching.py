@@ -153,15 +153,10 @@ def match(
 
 def describe_range(scenes: Sequence[Scene]) -> str:
     """Return the range of presses in words: "x -3.1 to 2.9, y 0 to 5, depth 141 to 145 mm"."""
-    poses = [scene.pose for scene in scenes]
-    ranges = (
-        f"{name} {min(values):.3g} to {max(values):.3g}"
-        for name, values in (
-            ("x", [pose.x for pose in poses]),
-            ("y", [pose.y for pose in poses]),
-            ("depth", [pose.depth for pose in poses]),
-        )
-    )
+    ranges = []
+    for name in ("x", "y", "depth"):
+        values = [getattr(scene.pose, name) for scene in scenes]
+        ranges.append(f"{name} {min(values):.3g} to {max(values):.3g}")
     return f"{', '.join(ranges)} mm"
 
 
@@ -175,6 +170,16 @@ def describe_draw(draw: Draw) -> str:
     if draw.side_mm is not None and not math.isclose(draw.side_mm, 0):
         text += f" {draw.side_mm:g} mm apart"
     return text
+
+
+def describe_lacking(protocol: Protocol, names: Sequence[str]) -> str:
+    """Return the draws of a protocol for which nothing was recorded, in words."""
+    space = protocol.workspace
+    draws = "; ".join(f"{name}: {describe_draw(protocol.draw(name))}" for name in names)
+    return (
+        f"{draws}; all with x and y within {space.half_width_mm:g} mm, {space.depth_min_mm:g} to "
+        f"{space.depth_max_mm:g} mm deep"
+    )
 
 
 def _is_among(value: float, allowed: Sequence[float]) -> bool:
@@ -279,15 +284,8 @@ def _tips(protocol: Protocol, scenes: Sequence[Scene], presses: Sequence[str]) -
     regime = next(iter(protocol.regimes))
     matched = match(protocol, protocol.split, regime, scenes, presses)
     if matched.lacking:
-        space = protocol.workspace
-        draws = "; ".join(
-            f"{name}: {describe_draw(protocol.draw(name))}" for name in matched.lacking
-        )
-        return False, (
-            f"lacks {draws}, x and y within {space.half_width_mm:g} mm, "
-            f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep (there: {_kinds(scenes)}, "
-            f"{describe_range(scenes)})"
-        )
+        lacks = describe_lacking(protocol, matched.lacking)
+        return False, f"lacks {lacks} (there: {_kinds(scenes)}, {describe_range(scenes)})"
     roles = (matched.fit, matched.validation, matched.test)
     counts = [sum(map(len, rows.values())) for rows in roles]
     text = f"{counts[0]:,} frames train, {counts[1]:,} validate, {counts[2]:,} test"

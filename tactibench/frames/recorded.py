@@ -13,7 +13,7 @@ import numpy as np
 
 from tactibench.contacts import Frame, Scene
 from tactibench.errors import UserError
-from tactibench.frames.matching import Match, describe_draw, describe_range, match
+from tactibench.frames.matching import Match, describe_lacking, describe_range, match
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
     QUICK_FIT,
@@ -384,8 +384,6 @@ def refuse_shared_presses(presses: Sequence[str], division: PressSplit) -> None:
 
 
 def _lacking(folder: Path | None, spec: Protocol, recording: Recording, matched: Match) -> str:
-    space = spec.workspace
-    draws = "; ".join(f"{name}: {describe_draw(spec.draw(name))}" for name in matched.lacking)
     tips = [scene for scene in recording.scenes if not scene.indenter.is_plate]
     remedy = "run protocol 'surface' on it"
     if tips:
@@ -396,6 +394,5 @@ def _lacking(folder: Path | None, spec: Protocol, recording: Recording, matched:
     return (
         f"{folder} holds {recording.contents()}, but protocol "
         f"{spec.id!r} lacks presses by spherical tips to train, validate and test on "
-        f"({draws}; all with x, y within {space.half_width_mm:g} mm and "
-        f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep); {remedy}."
+        f"({describe_lacking(spec, matched.lacking)}); {remedy}."
     )

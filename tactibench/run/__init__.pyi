@@ -21,7 +21,6 @@ from .machine import physical_cores as physical_cores
 from .machine import software as software
 from .plan import RunPlan as RunPlan
 from .plan import make_plan as make_plan
-from .plan import name_stem as name_stem
 from .plan import no_weights as no_weights
 from .predict import AnswerRules as AnswerRules
 from .predict import Predictions as Predictions

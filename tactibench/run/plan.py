@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -110,17 +109,16 @@ class RunPlan:
     @property
     def name(self) -> str:
         """Return the name of the run in the store."""
-        request = self.request
-        stem = name_stem(
-            self.spec.id,
-            self.components.model.name,
-            self.components.regime,
-            request.seed,
-            quick=request.quick,
-            presses=request.presses,
-            tested=request.test.texts,
-        )
-        return f"{stem}-{digest(self.identity)[:8]}"
+        request, tested = self.request, self.request.test.texts
+        terms = [self.spec.id, self.components.model.name, self.components.regime]
+        if request.quick:
+            terms.append("quick")
+        if request.presses is not None:
+            terms.append(f"n{request.presses}")
+        if tested:
+            options = "-".join(text.removeprefix("sensor.") for text in tested)
+            terms.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', options)}")
+        return "-".join([*terms, f"s{request.seed}", digest(self.identity)[:8]])
 
     @property
     def stored(self) -> bool:
@@ -228,38 +226,6 @@ class RunPlan:
             counts = counts_by_way.setdefault(way, {})
             counts[name] = counts.get(name, 0) + len(frames.scenes)
         return "; ".join(way.format(_describe_counts(c)) for way, c in counts_by_way.items())
-
-
-def name_stem(
-    protocol: str,
-    model: str,
-    regime: str,
-    seed: int,
-    *,
-    quick: bool = False,
-    presses: int | None = None,
-    tested: Sequence[str] = (),
-) -> str:
-    """Return the name of a run without the hash at its end.
-
-    Args:
-        protocol: Id of the protocol.
-        model: Name of the model.
-        regime: Name of the training regime.
-        seed: Seed of the training.
-        quick: Whether it is a quick run.
-        presses: Number of presses that the model learns from; None for all.
-        tested: Texts of ``--test``.
-    """
-    terms = [protocol, model, regime]
-    if quick:
-        terms.append("quick")
-    if presses is not None:
-        terms.append(f"n{presses}")
-    if tested:
-        options = "-".join(text.removeprefix("sensor.") for text in tested)
-        terms.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', options)}")
-    return "-".join([*terms, f"s{seed}"])
 
 
 def make_plan(

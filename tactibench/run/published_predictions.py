@@ -5,8 +5,6 @@ They are read from files beside the data, which are no part of tactibench.
 
 from __future__ import annotations
 
-import csv
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +27,6 @@ _PARENTS = 2
 it."""
 _TOLERANCE_DEG = 1e-3
 """Largest difference of tilts from those of the folder, deg: published labels are rounded."""
-_CELL = re.compile(r"(?:tensor\()?([^()]*)\)?")
-"""A cell: a number or ``tensor(number)``."""
 
 
 @dataclass(frozen=True)
@@ -185,11 +181,11 @@ def read_columns(path: Path, names: Sequence[str]) -> npt.NDArray[np.float64]:
     Raises:
         UserError: The file has no rows, or a cell of the columns holds no finite number.
     """
-    with path.open(newline="", encoding="utf-8-sig") as stream:
-        rows = list(csv.DictReader(stream))
-    cells = [[_CELL.fullmatch((row.get(name) or "").strip()) for name in names] for row in rows]
+    import pandas as pd
+
+    table = pd.read_csv(path, dtype=str, encoding="utf-8-sig").reindex(columns=list(names))
     try:
-        values = np.array([[float(cell[1]) if cell else np.nan for cell in row] for row in cells])
+        values = table.replace(r"tensor\((.*)\)", r"\1", regex=True).to_numpy(np.float64)
     except ValueError:
         values = np.full((1, len(names)), np.nan)
     if not len(values) or not np.isfinite(values).all():

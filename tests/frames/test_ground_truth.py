@@ -62,12 +62,6 @@ def test_bounds_of_all_contacts_stand_in_one_array(
         assert bounds[6, 0] == pytest.approx(1.04), "the first contact of the fifth press"
 
 
-def test_nobody_knows(request_of: RequestOf, tmp_path: Path) -> None:
-    presses = open_frames(request_of(), tmp_path)
-    assert true_surfaces(StubSensor(), presses, GRID) is None
-    assert true_bounds(StubSensor(), presses) is None
-
-
 class Power(StubSensor):
     """D = (spacing / scale)^power; twice the noise with the nuisance "light"."""
 

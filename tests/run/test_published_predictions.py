@@ -53,13 +53,6 @@ def test_answers_stand_by_name_and_keep_their_errors(one):
     np.testing.assert_allclose(error, [(-0.25, 0.25), (-0.5, 1.0)])
 
 
-def test_a_depth_that_is_counted_from_elsewhere_changes_no_error(one):
-    bent = truth(bend=0.01)
-    (poses,) = unpack_published(published_arrays([one], NAMES, NAMES, bent)).values()
-    error = [p.depth - t.depth for p, t in zip(poses, bent, strict=True)]
-    np.testing.assert_allclose(error, [-0.5, 0.5, -0.25])
-
-
 def test_other_tilts_or_another_count_are_refused(one):
     wrong = [replace(pose, tilt=pose.tilt + 0.1) for pose in truth()]
     with pytest.raises(UserError, match=r"answers.csv holds answers to other tilts .*0.1 deg"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -253,26 +252,3 @@ def test_a_submission_is_scored_again_on_the_recording_that_was_tested(
     assert found.frames == 18
     groups = {row.group for row in found.again}
     assert groups == ({"0"} if model == "mean" else {"0", "5", "20"})
-
-
-@pytest.mark.long
-def test_a_submission_needs_the_recording_that_was_tested(
-    submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path
-) -> None:
-    path = submitted("kernel")
-    with pytest.raises(UserError, match="not the recording in"):
-        verify(path, Source(PluginHost(), tmp_path / "cache", folders[0]))
-    with pytest.raises(UserError, match="folder of the tested one"):
-        verify(path, Source(PluginHost(), tmp_path / "cache", None))
-
-
-def test_a_submission_cannot_choose_its_own_numbers_of_labelled_frames(
-    submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path
-) -> None:
-    path = submitted("mean")
-    record = json.loads(path.read_text(encoding="utf-8"))
-    del record["identity"]["sealed"]  # a forger would write another
-    record["data"]["of_tested_sensor"]["labelled_frames"] = [0, 18]
-    path.write_text(json.dumps(record), encoding="utf-8")
-    with pytest.raises(UserError, match=r"shown \[0, 18\] labelled frames"):
-        verify(path, Source(PluginHost(), tmp_path / "cache", folders[1]))
