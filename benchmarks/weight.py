@@ -56,7 +56,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/markers": (1743, 8),
     "tactibench/metrics": (1588, 10),
     "tactibench/plugins": (627, 5),
-    "tactibench/protocols": (1080, 5),
+    "tactibench/protocols": (1070, 5),
     "tactibench/records": (827, 7),
     "tactibench/report": (3049, 15),
     "tactibench/run": (2394, 15),

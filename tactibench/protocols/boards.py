@@ -367,18 +367,18 @@ def load_published(names: Iterable[str], folder: Path) -> list[PublishedTable]:
         UserError: A name is unknown, or its file cannot be read, is not TOML, or has a wrong or
             missing key.
     """
-    available = published_names(folder)
-    return [_load(name, folder, available) for name in names]
-
-
-def _load(name: str, folder: Path, known: Sequence[str]) -> PublishedTable:
-    if name not in known:
-        raise UserError(f"{folder} holds no published table {name!r}; {did_you_mean(name, known)}")
-    path = folder / f"{name}.toml"
-    table = parse_toml(read_file(path, "published table"), PublishedTable, str(path))
-    if table.name != name:
-        raise UserError(f"{path}, key name: is {table.name!r}, but must be {name!r}, as the file.")
-    return table
+    known, tables = published_names(folder), []
+    for name in names:
+        if name not in known:
+            raise UserError(
+                f"{folder} holds no published table {name!r}; {did_you_mean(name, known)}"
+            )
+        path = folder / f"{name}.toml"
+        table = parse_toml(read_file(path, "published table"), PublishedTable, str(path))
+        if table.name != name:
+            raise UserError(f"{path}, key name: is {table.name!r}, but must be {name!r}.")
+        tables.append(table)
+    return tables
 
 
 def published_for(spec: Protocol, folder: Path) -> list[PublishedTable]:

@@ -786,10 +786,7 @@ def _key(where: Sequence[int | str]) -> str:
 
 
 def _found(value: Any) -> str:
-    try:
-        text = repr(value)
-    except (ValueError, RecursionError):  # a number of more digits than Python writes
-        text = f"a {type(value).__name__}"
+    text = repr(value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 

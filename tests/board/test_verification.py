@@ -377,7 +377,7 @@ def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_reveale
         verify(path, source, folder=folder)
     assert os.environ[VARIABLE] not in path.read_text()
     monkeypatch.delenv(VARIABLE)
-    with pytest.raises(UserError, match="is not revealed; only who has it can verify its runs"):
+    with pytest.raises(UserError, match="a hidden seed is read from"):
         verify(path, source, folder=folder)
     published.write_text(commitment_text(protocol, seed, reveal=True))
     assert verify(path, source, folder=folder).frames == 20

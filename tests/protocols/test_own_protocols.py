@@ -80,21 +80,3 @@ def test_a_holder_presses_as_it_is_given() -> None:
     moved = Indenter(3.0, ((-5.5, 0.0, 0.0), (0.1, 0.0, 0.0), (5.5, 0.0, 0.0)), "tips")
     assert not could_be_drawn(Scene(moved, Pose(depth=2.0)), draw, spec.workspace)
     assert describe_draw(draw) == "3 tips on the holder 'row' of radius 3 mm"
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("offsets_mm = ", "heights_mm = [0.0]\noffsets_mm = "), "takes no heights_mm"),
-        (('indenter = "tips"', 'indenter = "triple"'), "needs heights_mm"),
-        (("[0.0, 0.0, 0.0], [5.5", "[0.0, 0.0], [5.5"), "offsets_mm"),
-    ],
-)
-def test_mistakes_of_a_holder_are_named(
-    tmp_path: Path, change: tuple[str, str], words: str
-) -> None:
-    text = (EXAMPLES / "row.toml").read_text(encoding="utf-8")
-    assert change[0] in text
-    (tmp_path / "row.toml").write_text(text.replace(*change), encoding="utf-8")
-    with pytest.raises(UserError, match=words):
-        load_protocol(str(tmp_path / "row.toml"))

@@ -58,11 +58,9 @@ def test_fewer_shots_are_the_first_of_more() -> None:
 @pytest.mark.parametrize(
     ("where", "value", "said"),
     [
-        (("transfer", "shots"), [10, 50], "begin with 0"),
         (("transfer", "shots"), [0, 50, 10], "begin with 0"),
         (("transfer", "shots"), [0, 10, 10], "begin with 0"),
         (("transfer", "stream"), 1, "same stream"),
-        (("plates", "tilt_deg"), 60.0, "tilt_deg"),
         (("answer",), "contacts", "plate"),
     ],
 )

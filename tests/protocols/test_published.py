@@ -5,13 +5,9 @@ from __future__ import annotations
 import csv
 import os
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from tactibench import UserError
 from tactibench.protocols import PublishedTable, load_published, published_names, rows_for
@@ -141,17 +137,6 @@ def test_the_exp1_rows_cannot_share_their_depths(tactiverse):
     assert target_sd(unet, "z", half) < uniform_sd(0.5, 6.0)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.1, 5.0), st.floats(0.01, 0.5))
-def test_the_implied_spread_is_that_of_the_targets(seed, spread, noise):
-    rng = np.random.default_rng(seed)
-    truth = rng.normal(0.0, spread, 50)
-    square = (rng.normal(0.0, noise, 50) ** 2).mean()
-    r2 = 1 - square / truth.var()
-    values = {("rmse_mm", "x"): square**0.5, ("r2", "x"): r2}
-    published = SimpleNamespace(value=lambda *key: values[key])
-    assert target_sd(published, "x") == pytest.approx(truth.std(), rel=1e-6)
-
-
 def test_tac_vgnn_figures_are_those_of_the_released_predictions():
     data = Path(os.environ.get("TACTIBENCH_TACVGNN", ROOT.parent / "shared/data/tac-vgnn"))
     if not (data / "published_prediction.csv").is_file():
@@ -189,24 +174,11 @@ metrics = { mae_mm = { x = 0.5 } }
 """
 
 
-def test_a_table_is_frozen(tmp_path):
-    (tmp_path / "paper.toml").write_text(GOOD)
-    (table,) = load_published(["paper"], tmp_path)
-    assert table.rows[0].label == "M"
-    with pytest.raises(ValidationError, match="frozen"):
-        table.year = 2025
-
-
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("year = 2024", "", "key 'year' is missing"),
         ("year = 2024", "yeer = 2024", "unknown key 'yeer'"),
-        ('title = "A paper"', 'title = "A paper"\nextra = 1', "unknown key 'extra'"),
         ("x = 0.5", "x = nan", "key 'rows.1.metrics.mae_mm.x' is"),
-        ("x = 0.5", 'x = "half"', "key 'rows.1.metrics.mae_mm.x' is"),
-        ("{ x = 0.5 }", "{}", "key 'rows.1.metrics.mae_mm' is"),
-        ('comparable = "no"', 'comparable = "perhaps"', "key 'rows.1.comparable' is"),
         ("schema_version = 1", "schema_version = 2", "key 'schema_version' is 2"),
         ('name = "paper"', 'name = "other"', "key name"),
         ("year = 2024", "year = = 2024", "is not valid TOML"),

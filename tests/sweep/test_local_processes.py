@@ -150,7 +150,7 @@ def test_a_sweep_that_is_killed_half_way_is_continued(
 ) -> None:
     """SIGKILL of its first process after the first cells: its workers end, too, the finished cells
     are not run again, and every other one is there once in the end."""
-    file = asked('model = ["toy", "toy, noise=0.5"]\nseed = [0, 1, 2]')
+    file = asked('model = "toy"\nseed = [0, 1, 2, 3]')
     command = [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "2"]
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
@@ -171,12 +171,10 @@ def test_a_sweep_that_is_killed_half_way_is_continued(
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     kept = records(tmp_path / "runs")
-    assert 2 <= len(kept) < 12
+    assert 2 <= len(kept) < 8
     done = tactibench("sweep", file, "--workers", "2", "--quiet")  # a busy machine shows progress
     assert (done.returncode, done.stderr) == (0, "")
-    assert f"12 cells: {len(kept)} in the store, {12 - len(kept)} run;" in done.stdout
+    assert f"8 cells: {len(kept)} in the store, {8 - len(kept)} run;" in done.stdout
     final = records(tmp_path / "runs")
-    assert len(final) == 12
+    assert len(final) == 8
     assert {name: final[name] for name in kept} == kept
-    again = tactibench("sweep", file)
-    assert "12 cells: 12 in the store" in again.stdout

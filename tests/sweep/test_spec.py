@@ -86,46 +86,21 @@ def test_names_with_settings() -> None:
     [
         ("modell = 'toy'", "unknown key 'modell'.*did you mean 'model'"),
         ("model = 'toy'\n[[exclude]]\nmodl = 'toy'", "unknown key 'exclude.1.modl'.*'model'"),
-        ("seed = 1", "the key 'model' is missing"),
-        ("model = 'toy'\nprotocol = []", "'protocol' is "),
-        ("model = 'toy'\nseed = []", "'seed' is "),
         ("model = 'toy'\nseed = -1", "'seed.1' is -1"),
-        ("model = 'toy'\nseed = '1'", "'seed.1' is '1'"),
-        ("model = 3", "'model.1' is 3"),
-        ("model = 'toy'\nquick = 'yes'", "'quick' is 'yes'"),
         ("model = 'toy'\ndevice = 'gpu'", "'cpu' or 'cuda'"),
         ("model = 'tou'", "unknown model 'tou'; did you mean 'toy'"),
         ("model = 'toy, nois=1'", "no parameter 'nois'"),
-        ("model = 'toy, noise=loud'", "noise"),
-        ("model = 'toy'\nencoder = 'hertzz'", "unknown encoder 'hertzz'"),
         ("model = 'toy'\nprotocol = 'exp9'", "unknown protocol 'exp9'"),
         ("model = 'toy'\nparams = ['noise=1']", "'noise=1' is not understood"),
         ("model = 'toy'\ntest = ['refrence']", "'refrence' is neither"),
         ("model = 'toy'\n[[exclude]]\nmodel = 'unet'", "'exclude.1' leaves out no cell"),
         ("model = 'toy'\n[[exclude]]\nmodel = 'toy'", "the exclusions leave no cell"),
-        (
-            "model = ['toy', 'unet']\nencoder = 'hertz'\n"
-            "[[exclude]]\nmodel = 'toy'\nencoder = 'hertz'",
-            "'exclude.1' leaves out no cell",
-        ),
-        ("model = ", "is not valid TOML"),
     ],
 )
 def test_mistakes(cells: Callable[[str], object], text: str, says: str) -> None:
     with pytest.raises(UserError, match=says) as caught:
         cells(text)
     assert str(caught.value).startswith("sweep file ")
-
-
-def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
-    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    for name, says in (
-        ("none.toml", "does not exist"),
-        (".", "is a folder"),
-        ("bytes.toml", "not valid TOML"),
-    ):
-        with pytest.raises(UserError, match=says):
-            read_sweep(tmp_path / name)
 
 
 def test_a_file_of_several_sweeps_asks_for_every_run_once(
@@ -154,20 +129,7 @@ def test_a_file_of_several_sweeps_asks_for_every_run_once(
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('[[sweep]]\nprotocol = "exp1"\n', "the key 'sweep.1.model' is missing; add"),
-        (
-            '[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n'
-            '[[sweep]]\nprotocol = "exp1"\nmodel = "x"\n',
-            "sweep 2: ",
-        ),
-        ('[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n[more]\nseed = 1\n', "unknown key 'more'"),
-    ],
-)
-def test_mistakes_in_one_of_several_sweeps(
-    cells: Callable[..., tuple[Cell, ...]], text: str, said: str
-) -> None:
-    with pytest.raises(UserError, match=said):
-        cells(text)
+def test_a_mistake_in_one_of_several_sweeps(cells: Callable[..., tuple[Cell, ...]]) -> None:
+    text = '[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n'
+    with pytest.raises(UserError, match="sweep 2: unknown model 'x'"):
+        cells(f"{text}{text.replace('mean', 'x')}")
