@@ -57,9 +57,9 @@ def export(folder: Path, target: Path, split: str | None, json_file: Path | None
     terminal.say(
         f"{export.path}: {sum(export.subsets.values()):,} samples ({subsets}){bad}; {size}"
     )
-    counts = [_row("samples", subset, count) for subset, count in export.subsets.items()]
-    rows = [_row("left_out", "bad", export.bad), _row("size", "all", export.size_bytes, "B")]
-    save_json(json_file, counts + rows)
+    rows = [_row("samples", subset, count) for subset, count in export.subsets.items()]
+    rows += [_row("left_out", "bad", export.bad), _row("size", "all", export.size_bytes, "B")]
+    save_json(json_file, rows)
 
 
 @data.command(short_help="fit the geometry behind the labels of a recording")
@@ -100,11 +100,16 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     contradiction = fit.contradiction()
     if contradiction:
         terminal.say(f"WARNING: {contradiction}; these labels give no indentation")
-    offset = (f"{pivot.offset_mm:.3f}", f"{pivot.offset_std:.3f}", f"{pivot.offset_scatter:.3f}")
-    turn = (f"{pivot.pivot_mm:.2f}", f"{pivot.pivot_std:.2f}", f"{pivot.pivot_scatter:.2f}")
-    side = (f"{pivot.side_mm:.2f}", f"{pivot.side_std:.2f}", "")
     heads: list[Head] = ["", *map(Column, ("mm", "one sigma", "of scatter"))]
-    print_table(terminal.out, table(heads, [("a", *offset), ("p", *turn), ("q", *side)]))
+    lengths = (
+        ("offset a", pivot.offset_mm, pivot.offset_std, pivot.offset_scatter),
+        ("pivot p", pivot.pivot_mm, pivot.pivot_std, pivot.pivot_scatter),
+        ("pivot beside the axis q", pivot.side_mm, pivot.side_std, None),
+    )
+    print_table(
+        terminal.out,
+        table(heads, [(n, *(v and f"{v:.3f}" for v in values)) for n, *values in lengths]),
+    )
     terminal.say(f"median misfit of the pins' spread: {pivot.residual:.1%}")
     if fit.shear:
         terminal.say(f"shear taken out: {', '.join(fit.shear)}")
@@ -114,16 +119,14 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     )
     params = " ".join(f"--param {name}={value}" for name, value in fit.options().items())
     terminal.say(f"\ntactibench data import {shlex.quote(str(folder))} TARGET {params}")
-    facts = [
-        ("offset", pivot.offset_mm, "mm", pivot.offset_std),
-        ("pivot", pivot.pivot_mm, "mm", pivot.pivot_std),
-        ("pivot beside the axis", pivot.side_mm, "mm", pivot.side_std),
-        ("lean", fit.lean_deg, "deg", None),
-        ("misfit", pivot.residual, "share", None),
-        ("presses", pivot.presses, "", None),
-        ("presses left out", pivot.left_out, "", None),
+    rows = [_row(n, "all", value, "mm") | {"std": std} for n, value, std, _ in lengths]
+    rows += [
+        _row("lean", "all", fit.lean_deg, "deg"),
+        _row("misfit", "all", pivot.residual, "share"),
+        _row("presses", "all", pivot.presses),
+        _row("presses left out", "all", pivot.left_out),
     ]
-    save_json(json_file, [_row(n, "all", value, u) | {"std": std} for n, value, u, std in facts])
+    save_json(json_file, rows)
 
 
 @data.command(short_help="press a sensor and keep the frames")
@@ -383,7 +386,6 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
 def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
     from tactibench.report import Cell, Column, Head, Number, fixed, print_table, table
 
-    terminal.say("")
     heads: list[Head] = ["label", *map(Column, ("least", "mean", "most")), "", "histogram"]
     rows: list[list[Cell]] = [
         [
@@ -393,13 +395,9 @@ def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
             label.bars,
         ]
         for label in labels
-        if not label.constant
     ]
-    if rows:
-        print_table(terminal.out, table(heads, rows))
-    same = [f"{label.name} {label.low:g}" for label in labels if label.constant]
-    if same:
-        terminal.say(f"the same in all frames: {', '.join(same)}")
+    terminal.say("")
+    print_table(terminal.out, table(heads, rows))
 
 
 def _labels_report(recording: Recording, options: ImportOptions) -> LabelReport:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import threading
 from contextlib import suppress
@@ -18,7 +17,7 @@ from tactibench.errors import UserError
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
     from tactibench.live import PressSession, Subject
-    from tactibench.plugins import PluginHost, Sensor
+    from tactibench.plugins import Sensor
     from tactibench.run import RunPlan
 
 MOST_MODELS = 2
@@ -65,7 +64,7 @@ def demo(
     terminal = Terminal()
     given = models or (DEFAULT,)
     names = tuple(_model_name(text) for text in given)
-    plans = [_plan(protocol, name, options, names) for name in names]
+    plans = [_plan(protocol, name, options) for name in names]
     subjects = [
         _subject(plan, text, terminal, train=train or text == DEFAULT)
         for plan, text in zip(plans, given, strict=True)
@@ -90,7 +89,7 @@ def demo(
     with page:
         terminal.say(f"press here: {page.url}   (Ctrl-C ends it)")
         sys.stdout.flush()
-        if not no_browser and _has_screen():
+        if not no_browser:
             import webbrowser
 
             webbrowser.open(page.url)
@@ -98,7 +97,7 @@ def demo(
             threading.Event().wait()
 
 
-def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str, ...]) -> RunPlan:
+def _plan(protocol: str, model: str, options: dict[str, Any]) -> RunPlan:
     """Return the plan behind a model's weights. Raises UserError for a sensor without a press."""
     from tactibench.plugins import PluginHost
     from tactibench.protocols import load_protocol
@@ -106,7 +105,7 @@ def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str,
     from tactibench.run import make_plan, resolve_components
 
     host = PluginHost()
-    request = request_of(protocol, model, _own_options(model, options, models, host))
+    request = request_of(protocol, model, options)
     spec = load_protocol(request.protocol).spec
     sensor = resolve_components(request, spec, host).sensor.spec
     if sensor.needs_data or sensor.origin != "simulated" or sensor.reference_of:
@@ -115,29 +114,6 @@ def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str,
             "`tactibench list sensors`, or watch a real one with `tactibench hw live`."
         )
     return make_plan(request, host, cache_folder())
-
-
-def _own_options(
-    model: str, options: dict[str, Any], models: tuple[str, ...], host: PluginHost
-) -> dict[str, Any]:
-    """Return the options for one of two models: without what only the other one takes."""
-
-    def takes(name: str, text: str) -> bool:
-        spec, key = host.models[name], text.partition("=")[0]
-        kind, _, parameter = key.partition(".")
-        if kind == "encoder":
-            return spec.uses_encoder
-        return kind != "model" or any(p.name == parameter for p in spec.parameters)
-
-    others = [name for name in models if name != model]
-    left_out = {
-        text
-        for text in ("encoder.", *options["params"])
-        if not takes(model, text) and any(takes(other, text) for other in others)
-    }
-    encoder = None if "encoder." in left_out else options["encoder"]
-    params = tuple(text for text in options["params"] if text not in left_out)
-    return {**options, "encoder": encoder, "params": params}
 
 
 def _model_name(text: str) -> str:
@@ -193,11 +169,4 @@ def _session(plan: RunPlan, subjects: list[Subject]) -> PressSession:
         spec.grid.grid(),
         dome_radius_mm=spec.workspace.dome_radius_mm,
         gate_mm=spec.test.gate_mm,
-    )
-
-
-def _has_screen() -> bool:
-    """Return whether a browser would open in a window: one in a terminal would take it over."""
-    return sys.platform in {"win32", "darwin"} or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

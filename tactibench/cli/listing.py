@@ -55,10 +55,8 @@ def _list_plugins(kinds: tuple[str, ...]) -> dict[str, list[Row]]:
         echo(f"{kind}:")
         for row in listed:
             echo(f"  {row['name']:<{width}}  {row['summary']}")
-    count = len(host.problems)
-    if count:
-        plural = "s" if count > 1 else ""
-        echo(f"{count} plugin problem{plural}: run `tactibench doctor`.", err=True)
+    if host.problems:
+        echo(f"plugin problems: {len(host.problems)}; run `tactibench doctor`.", err=True)
     return rows
 
 
@@ -85,21 +83,18 @@ def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
 def _list_runs(store: Path) -> list[Row]:
     from tactibench.records import stored_runs
 
-    rows: list[Row] = []
-    for run in stored_runs(store):
-        record = run.record
-        rows.append(
-            {
-                "name": run.folder.name,
-                "protocol": record.protocol.id,
-                "model": record.model.name,
-                "seed": record.seed,
-                "created": record.created,
-                "partial": record.partial,
-            }
-        )
-    heads = ("name", "protocol", "model", "seed", "created", "partial")
-    _print(rows, heads, f"no runs in {store}; `tactibench run` leaves its own there")
+    rows = [
+        {
+            "name": run.folder.name,
+            "protocol": run.record.protocol.id,
+            "model": run.record.model.name,
+            "seed": run.record.seed,
+            "created": run.record.created,
+            "partial": run.record.partial,
+        }
+        for run in stored_runs(store)
+    ]
+    _print(rows, f"no runs in {store}; `tactibench run` leaves its own there")
     return rows
 
 
@@ -109,37 +104,34 @@ def _list_weights() -> list[Row]:
     from tactibench.report import duration, number
     from tactibench.run import cached_weights
 
-    folder = cache_folder()
     host = PluginHost()
     rows: list[Row] = [
         {**row, "label": _weights_label(row["model"], row["parameters"], host)}
-        for row in cached_weights(folder)
+        for row in cached_weights(cache_folder())
     ]
+    columns = ["encoder", "regime", "presses", "seed", "device", "epochs"]
     shown = [
         {
-            **row,
             "model": row["label"],
+            **{name: row[name] for name in columns},
             "training": duration(row["training_s"]),
             "MiB": number(row["bytes"] / MIB, 1),
+            "folder": row["folder"],
         }
         for row in rows
     ]
-    columns = "model encoder regime presses seed device epochs training MiB folder"
-    empty = f"no trained weights in {folder}; a run leaves its own there"
-    _print(shown, tuple(columns.split()), empty)
+    _print(shown, f"no trained weights in {cache_folder()}; a run leaves its own there")
     return rows
 
 
 def _weights_label(model: str, parameters: Mapping[str, Any], host: PluginHost) -> str:
     """Return the model with the parameters that are not at their defaults, as far as known."""
+    from tactibench.records import Component
+
     spec = host.models.specs.get(model)
     defaults = spec.defaults(parameters) if spec else {}
-    other = [
-        f"{name}={value}"
-        for name, value in parameters.items()
-        if name not in defaults or value != defaults[name]
-    ]
-    return f"{model}({','.join(other)})" if other else model
+    other = [name for name, value in parameters.items() if defaults.get(name) != value]
+    return Component(name=model, parameters=dict(parameters), settings=other).label
 
 
 def _list_published(board_folder: Path) -> list[Row]:
@@ -154,34 +146,32 @@ def _list_published(board_folder: Path) -> list[Row]:
                 "model": row.label,
                 "metrics": {name: dict(groups) for name, groups in row.metrics.items()},
                 "n": f"{row.n:,} {row.unit}" if row.n else "n/a",
-                "source": row.source,
                 "comparable": row.comparable,
+                "source": row.source,
             }
             for row in table.rows
         ]
-    heads = ("table", "protocol", "model", "metrics", "n", "comparable")
     shown = [{**row, "metrics": ", ".join(row["metrics"])} for row in rows]
-    _print(shown, heads, f"no published tables in {board_folder}")
+    _print(shown, f"no published tables in {board_folder}")
     return rows
 
 
 def _published_tables(board_folder: Path) -> list[PublishedTable]:
     from tactibench.protocols import load_published, published_names
-    from tactibench.shipped import shipped_folder
+    from tactibench.report import published_folder
 
-    own = board_folder / "published"
-    folder = own if own.is_dir() else shipped_folder("published")
+    folder = published_folder(board_folder)
     return load_published(published_names(folder), folder)
 
 
-def _print(rows: list[Row], heads: tuple[str, ...], empty: str) -> None:
+def _print(rows: list[Row], empty: str) -> None:
     """Print rows as a table; without rows, say where they would come from."""
     from tactibench.cli.output import Terminal
     from tactibench.report import print_table, table
 
     if rows:
-        cells = [[_text(row[head]) for head in heads] for row in rows]
-        print_table(Terminal().out, table(heads, cells))
+        cells = [[_text(value) for value in row.values()] for row in rows]
+        print_table(Terminal().out, table(rows[0], cells))
     else:
         echo(empty)
 
@@ -251,10 +241,8 @@ def _describe_field(field: str, spec: Any) -> str:
 
 
 def _range(parameter: Any) -> str:
-    low, high = parameter.low, parameter.high
-    if low is None and high is None:
-        return ""
-    return f" ({'' if low is None else low}..{'' if high is None else high})"
+    low, high = ("" if end is None else end for end in (parameter.low, parameter.high))
+    return f" ({low}..{high})" if (low, high) != ("", "") else ""
 
 
 def _show_protocol(name: str) -> None:

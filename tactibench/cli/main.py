@@ -14,13 +14,8 @@ from typing import TYPE_CHECKING
 import click
 
 from tactibench import __version__
-from tactibench.cli.options import echo
-from tactibench.errors import (
-    PluginError,
-    UserError,
-    describe_exception,
-    did_you_mean,
-)
+from tactibench.cli.options import echo, sentence
+from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from tactibench.plugins import CommandSpec
@@ -47,22 +42,16 @@ MISTAKE, INTERRUPTED = 2, 130
 """Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
 STOPPED = "tactibench: stopped; the same command continues where it was."
 
-_HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later
-
-
-class _PassedOnError(Exception):
-    """An exception, its cause, that click would turn into a bare Abort."""
-
 
 class Verbs(click.Group):
     """Built-in verbs, then those of plugins; a plugin cannot replace a built-in verb."""
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run a verb. What looks like the end of the input may be a plugin's exception."""
+        """Run a verb. An EOFError is a plugin's, and no end of the input, as click takes it."""
         try:
             return super().invoke(ctx)
-        except (EOFError, KeyboardInterrupt) as error:
-            raise _PassedOnError from error
+        except EOFError as error:
+            raise UserError(sentence(error) or "the input ended.") from error
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Return the verbs in alphabetical order."""
@@ -159,7 +148,6 @@ def call(arguments: Sequence[str]) -> int:
     0; 1 where a verb says so; 2 after one sentence about a mistake of the user's or of a plugin's;
     130 when interrupted. With ``--debug`` the exception of a mistake is raised instead.
     """
-    debug = "--debug" in arguments
     # What stands after a verb means the same as before it; the terminal asks for --quiet.
     given = [argument for argument in arguments if argument not in ("--debug", "--quiet")]
     if "--quiet" in arguments:
@@ -167,42 +155,21 @@ def call(arguments: Sequence[str]) -> int:
     try:
         result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
         sys.stdout.flush()
-    except _HELP_SHOWN as error:
+    except click.exceptions.NoArgsIsHelpError as error:
         echo(error.format_message())
         return 0
+    except click.exceptions.Abort:  # what click makes of Ctrl-C
+        echo(STOPPED, err=True)
+        return INTERRUPTED
     except BrokenPipeError:
         raise
-    except BaseException as error:  # noqa: BLE001 - `_fail` raises what is none of its business
-        cause = error.__cause__ or error if isinstance(error, _PassedOnError) else error
+    except BaseException as error:
         verb = next((argument for argument in given if not argument.startswith("-")), "")
-        return _fail(cause, debug, own_verb=verb in VERBS)
-    return result if isinstance(result, int) else 0
-
-
-def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
-    """Say in one sentence what went wrong; return the exit code.
-
-    Raises what is neither a mistake nor a plugin's, and with ``debug`` everything.
-    """
-    interrupted = isinstance(error, (KeyboardInterrupt, click.exceptions.Abort))
-    if isinstance(error, SystemExit) and not own_verb:  # a verb of a plugin may end as it likes
-        raise error
-    if not interrupted:
-        from tactibench.cli.options import sentence
-
+        if "--debug" in arguments or (isinstance(error, SystemExit) and verb not in VERBS):
+            raise  # a verb of a plugin may end as it likes
         text = sentence(error)
-        if text is not None:
-            if debug:
-                raise error if isinstance(error, Exception) else _as_exception(error)
-            echo(f"tactibench: {text}", err=True)
-            return MISTAKE
-        raise error
-    echo(STOPPED, err=True)
-    return INTERRUPTED
-
-
-def _as_exception(error: BaseException) -> PluginError:
-    """Return what Python shows with a traceback and ends with 1 for, unlike SystemExit."""
-    wrapped = PluginError(describe_exception(error))
-    wrapped.__cause__ = error
-    return wrapped
+        if text is None:
+            raise
+        echo(f"tactibench: {text}", err=True)
+        return MISTAKE
+    return result if isinstance(result, int) else 0

@@ -8,6 +8,7 @@ from .board_pages import board_page as board_page
 from .board_pages import board_rows as board_rows
 from .board_pages import committed_page as committed_page
 from .board_pages import page_files as page_files
+from .board_pages import published_folder as published_folder
 from .board_tables import doubling_number as doubling_number
 from .board_tables import doubling_table as doubling_table
 from .board_tables import hard_case_tables as hard_case_tables

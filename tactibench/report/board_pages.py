@@ -221,13 +221,14 @@ def committed_page(
     if records is None:
         records = read_submissions(board, protocol.spec.id)
     errors = all_press_errors(board, records)
-    return board_page(protocol, records, published_tables(protocol, board), errors)
+    published = published_for(protocol.spec, published_folder(board))
+    return board_page(protocol, records, published, errors)
 
 
-def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTable]:
-    """Return the published tables of a protocol: the board's own, or those of the package."""
+def published_folder(board: Path) -> Path:
+    """Return the folder of the published tables: the board's own, or that of the package."""
     own = board / "published"
-    return published_for(protocol.spec, own if own.is_dir() else shipped_folder("published"))
+    return own if own.is_dir() else shipped_folder("published")
 
 
 def board_page(

@@ -40,6 +40,7 @@ from tactibench.protocols import (
     load_protocol,
     overview_spec,
     protocol_files,
+    published_for,
 )
 from tactibench.records import Record, StoredRun, stored_runs
 from tactibench.report.board_pages import (
@@ -48,7 +49,7 @@ from tactibench.report.board_pages import (
     PageSection,
     board_page,
     machine_words,
-    published_tables,
+    published_folder,
 )
 from tactibench.report.board_tables import overview_table
 from tactibench.report.curve_plots import by_distance, distance_figure, stability_figure
@@ -189,7 +190,7 @@ def _board(
             arrays = run.arrays("truth"), run.arrays("predictions")
             errors[name] = press_errors_of(protocol.spec, *arrays)
     shown = sorted((*committed, *(run.record for run in by_name.values())), key=lambda r: r.name)
-    tables = tuple(published_tables(protocol, board))
+    tables = tuple(published_for(protocol.spec, published_folder(board)))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
 
 

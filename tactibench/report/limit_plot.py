@@ -23,7 +23,8 @@ from tactibench.board import (
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError, did_you_mean
 from tactibench.frames import D_PRIME, FALSELY_SEEN, SEEN
-from tactibench.plugins import PluginHost, Sensor, SensorContext, SensorSpec, Value
+from tactibench.plugins import PluginHost, Sensor, SensorContext, SensorSpec
+from tactibench.records import BoundSpec
 from tactibench.report.frame_plots import extent, millimetres
 from tactibench.report.style import HEAT, PlotData, headline, in_own_style, new_figure
 from tactibench.report.tables import Cell, Column, Head, Number, Table, table
@@ -83,18 +84,14 @@ def limit_data(
     for quantity, value in positive.items():
         if not value > 0:
             raise UserError(f"{quantity} {value:g} mm is not above 0; take a positive number.")
-    spec = PluginHost().sensors[name]
-    settings = spec.settings(dict(params))
-    sensor = _sensor(spec, settings)
+    bound = BoundSpec.named(PluginHost().sensors, name, params)
+    sensor = _sensor(bound)
     indenter = Indenter.single(radius) if scene == "single" else Indenter.dual(distance, radius)
     unknown, grid = _nuisances(sensor, nuisances), _grid(reach, step)
     request = LimitRequest(indenter, grid, depths, yaw or 0.0, unknown)
     with reporter.task("Cramer-Rao bounds", request.presses) as advance:
         maps = map_limits(sensor, request, advance)
-    defaults = spec.defaults(settings)
-    other = [f"{key}={value}" for key, value in settings.items() if value != defaults[key]]
-    label = f"{spec.name}({','.join(other)})" if other else spec.name
-    subject = f"{spec.origin} sensor {label}, {_description(request)}"
+    subject = f"{bound.spec.origin} sensor {bound.label}, {_description(request)}"
 
     tables, remarks = [limit_table(maps)], [*limit_remarks(maps)]
     if maps.spacings is not None:
@@ -104,18 +101,18 @@ def limit_data(
     return PlotData(subject, tuple(tables), limit_rows(maps), draw, tuple(remarks))
 
 
-def _sensor(spec: SensorSpec, values: Mapping[str, Value]) -> Sensor:
+def _sensor(bound: BoundSpec[SensorSpec]) -> Sensor:
     """Return the sensor, ready to compute bounds.
 
     Raises:
         UserError: The sensor does not know the bound of its frames.
     """
-    if not spec.needs_data:
-        sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **values)
+    if not bound.spec.needs_data:
+        sensor: Sensor = bound.build(SensorContext(np.random.SeedSequence(0)))
         if sensor.covariance(Scene(Indenter.single(), Pose(depth=1.0))) is not None:
             return sensor
     raise UserError(
-        f"sensor {spec.name!r} does not know what limits its frames; take a simulated sensor, "
+        f"sensor {bound.name!r} does not know what limits its frames; take a simulated sensor, "
         "for example tactip-127."
     )
 

@@ -44,8 +44,8 @@ def test_fit_prints_the_command_that_imports_with_it(cli, plates, tmp_path):
     code, shown, _ = cli("data", "fit", plates, "--json", "fit.json")
     assert code == 0
     rows = {row["metric"]: row for row in json.loads((tmp_path / "fit.json").read_text())}
-    assert rows["offset"]["value"] == pytest.approx(4, abs=0.1)
-    assert rows["pivot"]["value"] == pytest.approx(10, abs=2.5)
+    assert rows["offset a"]["value"] == pytest.approx(4, abs=0.1)
+    assert rows["pivot p"]["value"] == pytest.approx(10, abs=2.5)
     line = shown.strip().splitlines()[-1].replace("TARGET", str(tmp_path / "out"))
     assert line.startswith("tactibench data import ")
     assert cli(*line.split()[1:])[0] == 0

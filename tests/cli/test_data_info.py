@@ -39,7 +39,7 @@ def test_a_bristol_folder(cli, bristol, tmp_path):
     out, sheet = tmp_path / "info.json", tmp_path / "sheet.png"
     shown = cli("data", "info", bristol, "--json", out, "--sheet", sheet)[1]
     for text in (
-        "sensor_image, pose_x..pose_Rz, images",
+        "bristol (targets.csv, sensor_image)",
         "8 of 80x90 gray, 8 presses",
         "image_0.png",
         "none, labels only",

@@ -8,9 +8,6 @@ import pytest
 from asked_page import ask_page
 from demo_page import demo_page
 
-from tactibench.cli.demo import _own_options
-from tactibench.plugins import PluginHost
-
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
@@ -33,19 +30,6 @@ from tactibench.plugins import PluginHost
 )
 def test_what_cannot_be_shown_is_refused(refused: Any, arguments: str, sentence: str) -> None:
     assert sentence in refused(f"demo --no-browser {arguments}")
-
-
-def test_an_option_of_one_model_is_not_given_to_the_other() -> None:
-    host, models = PluginHost(), ("superpose", "unet")
-    given = {
-        "encoder": "hertz",
-        "params": ("model.recipe=paper", "model.gain=2", "sensor.size=64", "model.unknown=1"),
-    }
-    own = {name: _own_options(name, given, models, host) for name in models}
-    assert own["superpose"]["encoder"] is None
-    assert own["unet"]["encoder"] == "hertz"
-    assert own["superpose"]["params"] == ("model.gain=2", "sensor.size=64", "model.unknown=1")
-    assert own["unet"]["params"] == ("model.recipe=paper", "sensor.size=64", "model.unknown=1")
 
 
 @pytest.mark.long
