@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tactibench.datasets import Press, PressPlan, plan_of_file, plan_of_protocol, press_rows
 from tactibench.errors import did_you_mean
 from tactibench.protocols import first_mistake, load_protocol
-from tactibench.records import atomic, write_json
+from tactibench.records import atomic
 from tactibench.run import open_weights
 
 if TYPE_CHECKING:
@@ -26,30 +26,26 @@ __all__ = [
     "plan_presses",
     "press_rows",
     "trained_model",
-    "write_json",
 ]
 
 
-def plan_presses(
-    what: str, sensor: SensorShape, *, count: int | None = None, seed: int | None = None
-) -> PressPlan:
+def plan_presses(what: str, sensor: SensorShape, *, seed: int | None = None) -> PressPlan:
     """Return all presses of a protocol or of a plan.jsonl.
 
     Args:
         what: Name or file of a protocol, or a file that ends in .jsonl.
         sensor: The sensor whose surface is pressed.
-        count: Most presses of each set; None for all.
         seed: Seed with which other presses than the protocol's are drawn; None for the protocol's.
 
     Raises:
         UserError: There is no such protocol or file, or the sensor cannot be pressed in this way.
     """
     if what.endswith(".jsonl"):
-        return plan_of_file(Path(what), seed or 0, count)
+        return plan_of_file(Path(what), seed or 0, None)
     protocol = load_protocol(what).spec
     if seed is not None:
         protocol = protocol.model_copy(update={"data_seed": seed})
-    return plan_of_protocol(protocol, sensor, count)
+    return plan_of_protocol(protocol, sensor, None)
 
 
 def trained_model(
@@ -60,7 +56,6 @@ def trained_model(
     data: Path | None = None,
     regime: str | None = None,
     sensor: str | None = None,
-    untrained: bool = False,
 ) -> tuple[Model, str]:
     """Return a model with weights from the cache, and its label.
 
@@ -72,7 +67,6 @@ def trained_model(
         data: Folder of recorded frames that it was trained on.
         regime: Regime that it was trained in.
         sensor: Sensor that it was trained on.
-        untrained: Whether to take random weights, to time a model.
 
     Raises:
         UserError: There are no weights (the sentence tells how to train them), or something in the
@@ -101,9 +95,6 @@ def trained_model(
         sensor=sensor,
     )
     plan = make_plan(request, PluginHost(), cache_folder())
-    label = plan.components.model.label
-    if untrained:
-        return plan.components.build_model(plan.context()), label
     if not plan.weights.cached:
         raise no_weights(plan)
-    return load(plan, NullReporter())[0], label
+    return load(plan, NullReporter())[0], plan.components.model.label

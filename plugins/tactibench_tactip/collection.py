@@ -13,7 +13,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -34,7 +34,7 @@ from tactibench_tactip.plan import (
 from tactibench_tactip.robots import GuardError, ProtectiveStopError, StopNowError, make_robot
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import PressResult, Station
-from tactibench_tactip.touch import FirstTouch, TouchAge, find_touch
+from tactibench_tactip.touch import TouchAge, find_touch
 
 MountRequest = Callable[[Indenter, int], bool]
 """A function that asks a person to mount an indenter for a number of presses, and returns whether
@@ -59,14 +59,12 @@ class SessionReport:
     Attributes:
         ok: Samples that may be used.
         bad: Samples that were written as bad.
-        touches: First touches, in order.
         left: Presses that are still missing.
         interrupted: Whether a person ended it.
     """
 
     ok: int = 0
     bad: int = 0
-    touches: list[FirstTouch] = field(default_factory=list)
     left: int = 0
     interrupted: bool = False
 
@@ -189,7 +187,6 @@ class Collector:
         if abs(drift) > DRIFT_MM:
             self._callbacks.notify(f"first touch drifted by {drift:+.3f} mm")
         station.check_plan(self._plan)
-        self.report.touches.append(touch)
         self._touch = TouchAge(station.settings)
 
     def _press(self, press: Press) -> None:

@@ -80,10 +80,10 @@ def plan_of(
     Raises:
         UserError: There is no such protocol, file or draw, or a draw is not NAME or NAME=N.
     """
+    chosen = dict(map(_draw_and_count, draws))
     press_plan = plan_presses(source, settings.sensor, seed=seed)
     presses = list(press_plan)
     names = list(dict.fromkeys(press.draw for press in presses))
-    chosen = dict(map(_draw_and_count, draws))
     for name in chosen:
         if name not in names:
             raise UserError(

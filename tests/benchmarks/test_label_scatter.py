@@ -32,6 +32,7 @@ def recording(
     return moved, np.column_stack([depth, tilt, side, turn]), still
 
 
+@pytest.mark.long
 def test_scatter_and_moves_that_were_not_made_are_found(module: ModuleType) -> None:
     rng = np.random.default_rng(1)
     moved, labels, still = recording(0.3, rng)

@@ -1,4 +1,4 @@
-"""Spoilt files and command lines: a sentence or success, in time and in memory."""
+"""Spoilt files: a sentence or success, in time and in memory."""
 
 from __future__ import annotations
 

@@ -14,7 +14,6 @@ from fake_station import FakeCapture
 
 from tactibench import UserError
 from tactibench_tactip import (
-    KEPT,
     Camera,
     CameraError,
     CameraFrame,
@@ -41,13 +40,6 @@ def test_no_frame_is_older_than_a_period_after_the_moment(
             times = [frame.t_ns for frame in camera.after(moment, 3)]
             assert times == sorted(set(times))
             assert times[0] >= moment + 20_000_000
-
-
-def test_the_period_is_measured(camera: Camera) -> None:
-    with camera:
-        frames = camera.fresh(0, 60)
-        gaps = np.diff([frame.t_ns for frame in frames]) * 1e-9
-        assert camera.period_s == pytest.approx(float(np.median(gaps)), rel=0.2)
 
 
 def test_a_stalled_camera_is_opened_once_more(capture: FakeCapture) -> None:
@@ -81,13 +73,6 @@ def test_a_stream_that_ends_is_opened_again_then_given_up(capture: FakeCapture) 
         capture.gone = True
         with pytest.raises(CameraError, match="no more frames"):
             camera.now()
-
-
-def test_more_frames_may_be_waited_for_than_are_kept(camera: Camera) -> None:
-    with camera:
-        times = [frame.t_ns for frame in camera.fresh(time.monotonic_ns(), 2 * KEPT)]
-    assert len(times) == 2 * KEPT
-    assert times == sorted(times)
 
 
 def test_nothing_reads_the_camera_when_it_is_closed(camera: Camera) -> None:

@@ -19,8 +19,8 @@ pytestmark = pytest.mark.long
 
 
 @pytest.fixture
-def camera(tmp_path: Path) -> Iterator[MjpegCamera]:
-    with MjpegCamera(tmp_path) as camera:
+def camera() -> Iterator[MjpegCamera]:
+    with MjpegCamera() as camera:
         yield camera
 
 
@@ -52,32 +52,28 @@ def rows_written(folder: Path, count: int) -> None:
         ("warmup", "crop = [0, 0, 65, 64]\nwarmup", "camera.crop reaches to 65 x 64 px"),
     ],
 )
-def test_an_error(
-    camera: MjpegCamera, config: str, tmp_path: Path, before: str, after: str, message: str
-) -> None:
+def test_an_error(config: str, tmp_path: Path, before: str, after: str, message: str) -> None:
     path = Path(config)
     path.write_text(path.read_text().replace(before, after))
-    code, _, error = run_hw(camera, *collect(tmp_path, config))
+    code, _, error = run_hw(*collect(tmp_path, config))
     assert code == 2
     assert message in error
 
 
 @pytest.mark.parametrize("again_s", [(), (0.1,)])
-def test_control_c(
-    camera: MjpegCamera, config: str, tmp_path: Path, again_s: tuple[float, ...]
-) -> None:
+def test_control_c(config: str, tmp_path: Path, again_s: tuple[float, ...]) -> None:
     def press(process: subprocess.Popen[str]) -> None:
         rows_written(tmp_path, 1)
         interrupt(process, 0.0, *again_s)
 
-    code, _, error = run_hw(camera, *collect(tmp_path, config, 40), meanwhile=press)
+    code, _, error = run_hw(*collect(tmp_path, config, 40), meanwhile=press)
     assert code == 130
     assert "terminate" not in error
 
 
 PLAN_ROW = (
     '{{"id": {id}, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": 0.0, "y_mm": 0.0, '
-    '"depth_mm": 2.0}}'
+    '"depth_mm": 0.4}}'
 )
 
 
@@ -91,22 +87,22 @@ def test_a_camera_that_is_cut_loses_no_press(
         rows_written(tmp_path, 2)
         camera.cut.set()
 
-    code, _, error = run_hw(camera, *arguments, meanwhile=cut)
+    code, _, error = run_hw(*arguments, meanwhile=cut)
     assert code == 2
     assert "camera" in error
     written = [sample.status for sample in open_dataset(data).samples]
     assert 2 <= len(written) < 6
     assert set(written) == {"ok"}
     camera.cut.clear()
-    code, out, _ = run_hw(camera, *arguments)
+    code, out, _ = run_hw(*arguments)
     assert code == 0
     assert "good and 0 bad samples" in out
     assert sorted(sample.id for sample in open_dataset(data).samples) == list(range(6))
 
 
-def test_doctor_tells_the_rate_of_the_stream(camera: MjpegCamera, config: str) -> None:
+def test_doctor_tells_the_rate_of_the_stream(config: str) -> None:
     """Frames that waited in a buffer come all at once; they say nothing of the rate."""
-    code, out, _ = run_hw(camera, "doctor", "--config", config)
+    code, out, _ = run_hw("doctor", "--config", config)
     assert code == 0
     rate = next(line for line in out.splitlines() if "a second" in line)
     assert float(rate.split()[-3]) == pytest.approx(30.0, abs=6.0)

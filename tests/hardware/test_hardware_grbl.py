@@ -250,12 +250,3 @@ def test_answers_that_stay_away_are_a_lost_stage(
         link.command("$$", 0.1)
     with pytest.raises(RobotLostError, match="too late or not at all"):
         link.command("$$", 0.1)
-
-
-def test_a_port_is_held_alone_and_its_loss_is_told(port: tuple[GrblLink, int]) -> None:
-    link, master = port
-    with pytest.raises(UserError, match="no other program holds it"):
-        GrblLink(link._port.port)
-    os.close(master)
-    with pytest.raises(RobotLostError, match="the serial port went away"):
-        link.status()

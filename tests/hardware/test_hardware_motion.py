@@ -163,15 +163,6 @@ def test_only_one_thread_touches_the_robot(robot: FakeRobot, settings: Settings)
     assert robot.closed
 
 
-def test_a_job_that_never_ends_halts_the_robot(robot: FakeRobot, settings: Settings) -> None:
-    robot.busy = True
-    with RobotThread(robot, settings) as owner:
-        with pytest.raises(RobotError, match="told to stop"):
-            owner.do(lambda m: m.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0), 0.05)
-        assert owner.halt.is_set()
-    assert robot.stops >= 1
-
-
 class TestStation:
     def test_a_tool_outside_the_envelope_is_not_moved(
         self, settings: Settings, robot: FakeRobot, camera: Camera

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.geometry import true_contacts
 from tactibench_tactip import (
     FrameSettings,
     Pose6,
@@ -67,11 +65,6 @@ def test_angles_are_extrinsic() -> None:
     assert np.allclose(matrix((0, 0, 0, 20.0, -30.0, 50.0))[:3, :3], z @ y @ x)
 
 
-def test_at_the_pole_of_the_angles_the_turn_is_kept() -> None:
-    for pose in ((1.0, 2.0, 3.0, 30.0, 90.0, 0.0), (1.0, 2.0, 3.0, 30.0, -90.0, 0.0)):
-        assert np.allclose(matrix(pose_of(matrix(pose))), matrix(pose))
-
-
 @given(scenes, frames, domes, st.floats(-3.0, 3.0))
 def test_a_press_comes_back_from_its_pose(
     scene: Scene, keys: FrameSettings, dome: float, z0: float
@@ -120,18 +113,6 @@ def test_contacts_are_where_the_tool_is() -> None:
     sag = math.sqrt(23.0**2 - 13.0) - 23.0
     assert (x, y, z) == pytest.approx((3.0, 2.0, 1.5 - sag))
     assert turn == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-
-
-def test_the_reached_pose_decides_on_the_contacts() -> None:
-    geometry = PressGeometry(FrameSettings(work_frame=WORK), 20.0, z0=0.25)
-    scene = Scene(Indenter.dual(8.0), Pose(1.0, -1.0, 40.0, 0.0, 2.0))
-    x, y, z, a, b, c = geometry.tool_pose(scene)
-    reached = geometry.reached(scene, (x + 0.1, y, z + 0.05, a, b, c))
-    assert reached.pose.x == pytest.approx(1.1)
-    contacts = true_contacts(reached)
-    wanted = true_contacts(replace(scene, pose=reached.pose))
-    assert contacts.depth == pytest.approx(wanted.depth)
-    assert len(contacts) == 2
 
 
 def test_yaw_keeps_the_plans_count_of_turns() -> None:

@@ -84,90 +84,42 @@ def test_a_held_press_ends_when_the_arm_stops(settings: Settings, robot: Looking
     assert time.monotonic() - begin < 10.0
 
 
-class TestForce:
-    def test_of_a_settling_test(self, settings: Settings, robot: Looking) -> None:
-        with Station(settings) as station:
-            station.look_at_rest()
-            robot.stiffness = 20.0
-            with pytest.raises(GuardError, match="max_force_n"):
-                measure_settling(station, 3.0, 1.0)
-            assert robot.depth() == 0.0
-
-    def test_of_a_dry_run(self, settings: Settings, robot: Looking) -> None:
-        """Somebody left a hand where the tool goes."""
-        begin, robot.force = robot.start, (0.0, 0.0, 0.0)
-
-        def start(pose: Pose6, speed: float, acceleration: float) -> None:
-            begin(pose, speed, acceleration)
-            robot.force = (0.0, 0.0, 30.0 if len(robot.moves) > 2 else 0.0)
-
-        robot.start = start  # type: ignore[method-assign]
-        with pytest.raises(GuardError, match="max_force_n"):
-            dry_run(settings, PLAN.presses, 20.0, lambda _: None)
-
-    def test_of_presses_while_somebody_watches(self, settings: Settings, robot: Looking) -> None:
-        def stiff() -> None:
-            robot.stiffness = 20.0
-
-        with pytest.raises(GuardError, match="max_force_n"):
-            watch(settings, stiff)
-
-
-class TestDrawnBack:
-    """The robot is stopped when it holds the deepest place: the tool stays there."""
-
-    def test_by_a_dry_run(
-        self, settings: Settings, robot: Looking, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        down = Station.down
-
-        def stopped(station: Station, mover: object, path: object) -> int:
-            found = down(station, mover, path)  # type: ignore[arg-type]
-            robot.normal, robot.stopped = False, True
-            return found
-
-        monkeypatch.setattr(Station, "down", stopped)
-        with pytest.raises(RobotError, match="left where it is"):
-            dry_run(settings, PLAN.presses, 20.0, lambda _: None)
-
-
-def watch(settings: Settings, first: Callable[[], None]) -> None:
-    """Until the presses ended; first: once the robot is there."""
+def test_force_ends_a_held_press(settings: Settings, robot: Looking) -> None:
     with Station(settings) as station:
-        first()
-        with press_meanwhile(station) as presses:
-            assert presses.exception(20.0) is not None
+        station.look_at_rest()
+        robot.stiffness = 20.0
+        with pytest.raises(GuardError, match="max_force_n"):
+            measure_settling(station, 3.0, 1.0)
+        assert robot.depth() == 0.0
 
 
-class TestStopsAtOnce:
-    """SIGTERM before the first press: no traceback, and no split."""
+def test_force_ends_a_dry_run(settings: Settings, robot: Looking) -> None:
+    """Somebody left a hand where the tool goes."""
+    robot.fails = lambda n: setattr(robot, "force", (0.0, 0.0, 30.0 if n > 2 else 0.0))
+    robot.fails(0)
+    with pytest.raises(GuardError, match="max_force_n"):
+        dry_run(settings, PLAN.presses, 20.0, lambda _: None)
 
-    @pytest.fixture
-    def low(self, robot: Looking) -> Looking:
-        """Stands low, so that entering moves it; a signal comes then."""
-        x, y, z, *turn = robot.at
-        robot.at = (x, y, z - 35.0, *turn)  # type: ignore[assignment]
-        assert robot.tool()[2] > -10.0
 
-        def sent(_: int) -> None:
-            robot.ticks = 10**9  # it does not arrive
-            signal.pthread_kill(MAIN, signal.SIGTERM)
+def test_sigterm_before_the_first_press_ends_a_collection_at_once(
+    settings: Settings, robot: Looking, tmp_path: Path
+) -> None:
+    """There is no traceback, and no split."""
+    x, y, z, *turn = robot.at
+    robot.at = (x, y, z - 35.0, *turn)  # type: ignore[assignment]
+    assert robot.tool()[2] > -10.0  # it stands low, so that entering moves it
 
-        robot.fails = sent
-        return robot
+    def sent(_: int) -> None:
+        robot.ticks = 10**9  # it does not arrive
+        signal.pthread_kill(MAIN, signal.SIGTERM)
 
-    def test_a_collection(self, settings: Settings, low: Looking, tmp_path: Path) -> None:
-        report = collect(settings, PLAN, tmp_path / "data")
-        assert report.interrupted
-        assert report.left == 1
-        dataset = open_dataset(tmp_path / "data")
-        assert dataset.header.status == "open"
-        assert not dataset.splits
-        assert low.closed
-
-    def test_a_dry_run(self, settings: Settings, low: Looking) -> None:
-        assert dry_run(settings, PLAN.presses, 20.0, lambda _: None) == 0
-        assert low.closed
+    robot.fails = sent
+    report = collect(settings, PLAN, tmp_path / "data")
+    assert (report.interrupted, report.left) == (True, 1)
+    dataset = open_dataset(tmp_path / "data")
+    assert dataset.header.status == "open"
+    assert not dataset.splits
+    assert robot.closed
 
 
 def test_a_protective_stop_while_watched_is_told(settings: Settings, robot: Looking) -> None:
@@ -175,8 +127,13 @@ def test_a_protective_stop_while_watched_is_told(settings: Settings, robot: Look
         if robot.tool()[2] > 0.5:
             robot.normal, robot.stopped = False, True
 
-    with pytest.raises(RobotError, match="not normal"):
-        watch(settings, lambda: setattr(robot, "fails", stop_in_the_skin))
+    robot.fails = stop_in_the_skin
+    with (
+        pytest.raises(RobotError, match="not normal"),
+        Station(settings) as station,
+        press_meanwhile(station) as presses,
+    ):
+        assert presses.exception(20.0) is not None
 
 
 TICKS = 150

@@ -106,6 +106,7 @@ def test_a_fixed_place_moves_nothing(
         assert len(robot.moves) == before
 
 
+@settings_of(max_examples=25)
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
 def test_the_centre_of_a_dome_from_heights(x: float, y: float, z: float) -> None:
     turn = np.linspace(0, 2 * np.pi, 7)[:-1]
@@ -117,7 +118,7 @@ def test_the_centre_of_a_dome_from_heights(x: float, y: float, z: float) -> None
     assert max(std, rms) < 1e-5
 
 
-@settings_of(max_examples=15)
+@settings_of(max_examples=8)
 @given(st.floats(-179.0, 179.0), st.floats(2.0, 5.0))
 def test_the_yaw_of_the_image(yaw: float, scale: float) -> None:
     turn = np.linspace(0, 2 * np.pi, 9)[:-1]

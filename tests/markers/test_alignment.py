@@ -60,18 +60,10 @@ def test_a_turned_nearer_camera_sees_the_same_displacements(layout, pins_of, dra
     assert aligned.layout_clues[0] == pytest.approx(0.06, abs=1e-3)
 
 
-@pytest.mark.parametrize("degrees", [-20, -9, 4, 9, 15, 20])
+@pytest.mark.parametrize("degrees", [-20, 9])
 def test_a_turn_of_the_camera_is_found(layout, pins_of, degrees):
     aligned = AlignedPins(pins_of(turned(degrees)(layout)), layout)
     np.testing.assert_allclose(aligned.view(layout), turned(degrees)(layout), atol=0.05)
-
-
-def test_a_motion_since_rest_is_undone(layout, pins_of, drawn):
-    motion, view = turned(1.0, 0.0, (1.5, 0.5)), turned()
-    aligned = AlignedPins(pins_of(view(layout)), layout)
-    image = drawn(view(motion(layout)), 4.0, SIZE, soft=True)[None]
-    assert np.abs(aligned.track(image)[0]).max() > 1.0
-    np.testing.assert_allclose(aligned.moved(motion).track(image)[0], 0.0, atol=0.05)
 
 
 def test_a_pin_without_a_tip_is_not_sure(layout, pins_of):
@@ -87,7 +79,7 @@ def test_pins_that_do_not_fit_are_refused(layout, pins_of):
         AlignedPins(pins_of(other), layout)
 
 
-@pytest.mark.parametrize("light", [0.3, 0.6, 1.4])
+@pytest.mark.parametrize("light", [0.3, 1.4])
 def test_pins_are_seen_in_the_light_of_the_rest_frame(layout, pins_of, light):
     pins = pins_of(layout)
     dim = np.rint(light * pins.rest_image).clip(0, 255).astype(np.uint8)
@@ -177,9 +169,7 @@ def test_the_reference_sensor_is_seen_as_it_is(small_layout, draw):
         np.testing.assert_array_equal(still, rest)
 
 
-@pytest.mark.parametrize(
-    ("degrees", "stretch", "shift"), [(5, 0.0, (3, -4)), (-2, 0.05, (0, 0)), (15, 0.0, (0, 2))]
-)
+@pytest.mark.parametrize(("degrees", "stretch", "shift"), [(15, 0.0, (3, -4)), (-2, 0.05, (0, 0))])
 def test_a_remounted_camera_shows_the_same_images(small_layout, draw, degrees, stretch, shift):
     view = Similarity.of(np.array(shift), np.radians(degrees), stretch, np.full(2, SIDE / 2))
     moved = small_layout + np.random.default_rng(1).uniform(-1.8, 1.8, small_layout.shape)

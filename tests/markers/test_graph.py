@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay, Voronoi
 
@@ -28,6 +28,7 @@ def scipy_areas(xy):
     return out
 
 
+@settings(max_examples=30)
 @given(SEEDS, st.integers(3, 90), st.floats(0.01, 1000), st.floats(-100, 100))
 def test_edges_and_inner_areas_are_those_of_scipy(seed, count, scale, offset) -> None:
     xy = scale * (np.random.default_rng(seed).uniform(0, 1, (count, 2)) + offset)
@@ -47,6 +48,7 @@ def test_rings_of_pins_give_the_graph_of_scipy(rings) -> None:
         assert np.array_equal(pin_graph(xy).edges, scipy_edges(xy))
 
 
+@settings(max_examples=15)
 @given(SEEDS)
 def test_a_permutation_permutes_the_graph(seed) -> None:
     rng = np.random.default_rng(seed)
@@ -58,6 +60,7 @@ def test_a_permutation_permutes_the_graph(seed) -> None:
     assert np.array_equal(back, graph.edges)
 
 
+@settings(max_examples=15)
 @given(SEEDS, st.integers(1, 5))
 def test_coinciding_pins_share_a_cell(seed, count) -> None:
     rng = np.random.default_rng(seed)

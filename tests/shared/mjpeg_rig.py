@@ -1,6 +1,7 @@
 """A setup whose camera is a real stream: an MJPEG server, and an arm for driver cri.
 
-The arm lives in the process under test; the server, in the test's, reads its height from a file.
+The arm lives in the process under test. The server shows pins at rest, whatever the arm does, so
+presses must be too shallow to be seen.
 """
 
 from __future__ import annotations
@@ -21,8 +22,6 @@ import numpy as np
 
 FPS = 30.0
 SIDE = 64
-HEIGHT_FILE = "MJPEG_RIG_HEIGHT"
-"""Environment variable: file to which the arm writes how far its tool is past first touch, mm."""
 ROOT = Path(__file__).parents[2]
 
 
@@ -41,8 +40,6 @@ class Arm:
         distance = float(np.linalg.norm(np.subtract(pose[:3], self.pose[:3])))
         time.sleep(min(0.5, distance / self.linear_speed))
         self.pose = tuple(float(value) for value in pose)  # type: ignore[assignment]
-        if HEIGHT_FILE in os.environ:
-            Path(os.environ[HEIGHT_FILE]).write_text(f"{max(0.0, pose[2]):09.4f}")
 
     def close(self) -> None:
         """Do nothing."""
@@ -55,12 +52,10 @@ class MjpegCamera:
         cut: Set to end all streams and refuse new ones.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self) -> None:
         self.cut = threading.Event()
-        self.height_file = folder / "height"
         rows, columns = np.indices((SIDE, SIDE))
         self._rest = 30.0 + 120.0 * ((rows % 8 < 3) & (columns % 8 < 3))
-        self._pattern = np.roll(self._rest, 1, axis=0) - self._rest
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
         self._server.daemon_threads = True
 
@@ -78,13 +73,9 @@ class MjpegCamera:
         """Address of the stream."""
         return f"http://127.0.0.1:{self._server.server_address[1]}/camera.mjpg"
 
-    def _depth(self) -> float:
-        text = self.height_file.read_text() if self.height_file.exists() else ""
-        return float(text) if len(text) == 9 else 0.0
-
     def _jpeg(self, rng: np.random.Generator) -> bytes:
-        image = self._rest + self._pattern * min(0.5, 0.1 * self._depth())
-        noisy = np.clip(image + rng.normal(0.0, 1.5, image.shape), 0, 255).astype(np.uint8)
+        noise = rng.normal(0.0, 1.5, self._rest.shape)
+        noisy = np.clip(self._rest + noise, 0, 255).astype(np.uint8)
         return cv2.imencode(".jpg", noisy, [cv2.IMWRITE_JPEG_QUALITY, 98])[1].tobytes()
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
@@ -135,24 +126,18 @@ method = "fixed"
 
 
 def run_hw(
-    camera: MjpegCamera,
     *arguments: str,
     meanwhile: Callable[[subprocess.Popen[str]], object] = lambda _: None,
 ) -> tuple[int, str, str]:
     """Run ``tactibench hw`` in a process of its own; return its exit code, stdout and stderr."""
     paths = [str(ROOT), str(ROOT / "plugins"), str(ROOT / "tests" / "shared")]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(paths),
-        HEIGHT_FILE: str(camera.height_file),
-    }
     with subprocess.Popen(
         [sys.executable, "-m", "tactibench", "hw", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         stdin=subprocess.DEVNULL,
         text=True,
-        env=environment,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         process_group=0,
         # A background job, as the tests may be, ignores Ctrl-C and hands that down.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),

@@ -19,40 +19,24 @@ Mutation = Callable[[Random, bytes], bytes]
 TOKENS = (
     "nan",
     "-inf",
-    "1e999",
     "-1",
     "0",
-    "-0.0",
     str(10**400),
-    "9" * 5000,
-    "1e-320",
     "true",
     "null",
-    "''",
     '""',
     '"\\ud800"',
-    "\u00e9",
     "\x00",
     "\n",
-    "\r",
     ",",
     ";",
-    "\t",
-    '"',
-    "[",
     "{" * 3000,
     "[" * 3000,
     '"../../etc/passwd"',
-    "../..",
-    '"/dev/zero"',
     "/dev/zero",
-    "<script>",
     "[[draws]]",
-    "[x]",
     "=",
     "1979-05-27",
-    "0x10",
-    "a.b.c",
 )
 VALUES: tuple[Any, ...] = (
     None,
@@ -60,23 +44,14 @@ VALUES: tuple[Any, ...] = (
     -1,
     0,
     10**30,
-    1e308,
-    -0.0,
     "",
     "x" * 5000,
     "\ud800",
-    "\x00",
     "../..",
     [],
-    {},
-    [[]],
     {"a": {"b": []}},
-    [None] * 50,
-    "NaN",
     float("nan"),
-    float("inf"),
 )
-NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
 PIECE = re.compile(r"[A-Za-z_][\w-]*|-?\d+(?:\.\d+)?|\"[^\"\n]*\"|[^\s\w]")
 
 
@@ -99,54 +74,32 @@ def bytes_wrong(rng: Random, data: bytes) -> bytes:
     return bytes(out)
 
 
-TYPES = (
-    "<f4",
-    "<f2",
-    ">f8",
-    "<i8",
-    "<u8",
-    "|b1",
-    "<c16",
-    "<U3",
-    "|S0",
-    "|V8",
-    "<M8[s]",
-    "longdouble",
-)
+TYPES = ("<f4", ">f8", "<i8", "|b1", "<c16", "<U3", "|V8", "<M8[s]")
 EXTREMES = (0.0, -0.0, -1.0, 1e308, -1e308, 5e-324, 2.0**62, float("nan"), float("inf"), 1e-9, 1e6)
 
 
 def arrays_wrong(rng: Random, data: bytes) -> bytes:
-    """Another type, shape, value or name of a few arrays of an archive."""
+    """Another type, shape or value of an array of an archive."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         arrays: dict[str, Any] = {name: file[name] for name in file.files}
-    for _ in range(rng.randint(1, 2)):
-        if not arrays:
-            break
-        name = rng.choice(sorted(arrays))
-        array = arrays[name]
-        with suppress(Exception), np.errstate(all="ignore"):
-            match rng.randrange(9):
-                case 0:
-                    arrays[name] = array.astype(rng.choice(TYPES))
-                case 1:
-                    arrays[name] = np.full_like(array, rng.choice(EXTREMES))
-                case 2:
-                    array = array.copy()
-                    array.reshape(-1)[rng.randrange(array.size)] = rng.choice(EXTREMES)
-                    arrays[name] = array
-                case 3:
-                    arrays[name] = array[: rng.randrange(len(array) + 1)]
-                case 4:
-                    arrays[name] = array.reshape(rng.choice([(-1,), (1, -1), (-1, 1), (2, -1)]))
-                case 5:
-                    del arrays[name]
-                case 6:
-                    arrays[rng.choice(["failed", "raised", "cause", "x", name + "x"])] = array
-                case 7:
-                    arrays[name] = array[::-1]
-                case _:
-                    arrays[name] = array * rng.choice([1 + 1e-12, 1.5, -1.0, 1e200])
+    if not arrays:
+        return data
+    name = rng.choice(sorted(arrays))
+    array = arrays[name]
+    with suppress(Exception), np.errstate(all="ignore"):
+        match rng.randrange(6):
+            case 0:
+                arrays[name] = array.astype(rng.choice(TYPES))
+            case 1:
+                arrays[name] = np.full_like(array, rng.choice(EXTREMES))
+            case 2:
+                arrays[name] = array[: rng.randrange(len(array) + 1)]
+            case 3:
+                arrays[name] = array.reshape(rng.choice([(-1,), (1, -1), (-1, 1), (2, -1)]))
+            case 4:
+                del arrays[name]
+            case _:
+                arrays[name] = array * rng.choice([1 + 1e-12, -1.0, 1e200])
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()

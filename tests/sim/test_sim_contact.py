@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from hard_scenes import GRID, sensor
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from penetration import normal_penetration
 
@@ -28,6 +28,7 @@ scenes = st.builds(
 )
 
 
+@settings(max_examples=30)
 @given(st.lists(scenes, min_size=1, max_size=5))
 def test_batches_equal_the_closed_forms_one_by_one(several):
     tips = tips_of(several)
@@ -46,6 +47,7 @@ def test_batches_equal_the_closed_forms_one_by_one(several):
         assert (tips.depth[row] > 0).sum() == len(true_contacts(scene))
 
 
+@settings(max_examples=30)
 @given(st.floats(-20, 20), st.floats(-180, 180), st.floats(0.1, 6))
 def test_a_plate_touches_where_its_normal_points(tilt, yaw, depth):
     scene = Scene(Indenter.plate(), Pose(1.0, 2.0, yaw, tilt, depth))

@@ -52,7 +52,7 @@ tip = st.tuples(place, place, st.floats(-0.8, DEEPEST))
 
 
 @given(st.lists(tip, min_size=1, max_size=4))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_every_tip_reaches_its_depth_or_stands_clear(several):
     """The complementarity in its own terms, from surfaces under single tips."""
     loads = COUPLED.loads(tips(*several))
@@ -75,7 +75,7 @@ def test_every_tip_reaches_its_depth_or_stands_clear(several):
 
 
 @given(st.lists(tip, min_size=1, max_size=4), st.floats(-math.pi, math.pi))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_turning_and_mirroring_the_press_turns_and_mirrors_the_field(several, angle):
     c, s = math.cos(angle), math.sin(angle)
     for q in (np.array([[c, -s], [s, c]]), np.array([[1.0, 0.0], [0.0, -1.0]])):
@@ -87,7 +87,7 @@ def test_turning_and_mirroring_the_press_turns_and_mirrors_the_field(several, an
 
 
 @given(tip)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_two_identical_tips_are_one(one):
     np.testing.assert_allclose(moved(one, one), moved(one), atol=1e-8)
     third = (4.0, 3.0, 1.5)

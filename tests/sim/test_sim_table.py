@@ -161,6 +161,7 @@ def test_unknown_radius_and_tier():
 contact = st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.01, 5))
 
 
+@settings(max_examples=30)
 @given(st.lists(contact, min_size=2, max_size=6))
 def test_every_tip_reaches_its_depth_or_stands_clear(contacts):
     """Without the corrections, which also move the skin sideways under a tip."""

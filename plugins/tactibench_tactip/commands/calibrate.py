@@ -20,7 +20,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import click
@@ -31,11 +30,9 @@ from tactibench import Pose, Scene, UserError
 from tactibench_tactip.camera import CameraFrame, Image
 from tactibench_tactip.commands.output import (
     device_options,
-    json_option,
     number_option,
     open_devices,
     progress_bar,
-    write_figures,
 )
 from tactibench_tactip.geometry import Array
 from tactibench_tactip.robots import make_robot
@@ -54,10 +51,7 @@ MEAN_OF = 5
 @number_option("--radius", click.FloatRange(1, 8), 4.0, "Radius of the circle of presses, mm.")
 @number_option("--depth", click.FloatRange(0.5, 5), 2.0, "Depth of the presses, mm.")
 @number_option("--points", click.IntRange(4, 24), 8, "Presses on the circle.")
-@json_option
-def calibrate(
-    radius: float, depth: float, points: int, json_file: Path | None, **device: Any
-) -> None:
+def calibrate(radius: float, depth: float, points: int, **device: Any) -> None:
     """Find where the sensor sits, from presses of one tip: centre, yaw of the image, height.
 
     First touch is found at every place: the heights lie on the dome, whose top is the centre. The
@@ -93,14 +87,6 @@ def calibrate(
             f"simulated: the sensor sits at {OFFSET[0]}, {OFFSET[1]} mm and {OFFSET[2]:g} deg from "
             "[frames], and its skin does not creep"
         )
-    figures = [
-        ("centre", "x", x, "mm"),
-        ("centre", "y", y, "mm"),
-        ("yaw", "all", yaw, "deg"),
-        ("first_touch", "all", result.z0_mm, "mm"),
-        ("settled", "all", settled_s, "s"),
-    ]
-    write_figures(json_file, figures)
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,10 @@ from tactibench_tactip.commands.output import (
     device_options,
     format_duration,
     is_quiet,
-    json_option,
     number_option,
     open_devices,
     print_rows,
     progress_bar,
-    write_figures,
 )
 from tactibench_tactip.geometry import geometry_of
 from tactibench_tactip.plan import (
@@ -65,14 +63,12 @@ def plan_options(verb: Verb) -> Verb:
 @click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
 @config_option
 @plan_options
-@json_option
 def plan(
     presses: str,
     config: Path,
     draws: tuple[str, ...],
     count: int | None,
     seed: int | None,
-    json_file: Path | None,
 ) -> None:
     """Check the presses that a protocol needs against the configuration, without any device.
 
@@ -83,7 +79,6 @@ def plan(
     planned = plan_of(presses, settings, draws=draws, count=count, seed=seed)
     check_plan(planned, settings, geometry_of(settings), turns=make_robot(settings).turns)
     rows: list[tuple[str, str, str, str]] = []
-    figures: list[tuple[str, str, float, str]] = []
     total, hands = 0.0, 0
     for indenter, group in planned.mounts():
         name, seconds = describe_indenter(indenter), estimate_seconds(group, settings)
@@ -91,7 +86,6 @@ def plan(
         mounted = "mounted" if is_mounted(settings.indenter.indenter(), indenter) else ""
         hands += not mounted
         rows.append((name, f"{len(group):,}", format_duration(seconds), mounted))
-        figures += [("presses", name, len(group), ""), ("time", name, seconds, "s")]
     print_rows(("indenter", "presses", "time", ""), rows[:MOST_ROWS])
     if len(rows) > MOST_ROWS:
         click.echo(f"... and {len(rows) - MOST_ROWS:,} more indenters")
@@ -101,8 +95,6 @@ def plan(
         times = f"{hands:,} time{'s' if hands > 1 else ''}"
         changes, each = format_duration(hands * MOUNT_S), format_duration(MOUNT_S)
         click.echo(f"a hand mounts an indenter {times}: about {changes} more, {each} each")
-    figures += [("time", "all", total, "s"), ("mounts by hand", "all", hands, "")]
-    write_figures(json_file, figures)
 
 
 @click.command("collect")
@@ -123,7 +115,6 @@ def plan(
     metavar="MM",
     help="Make all moves so high above the sensor, and keep nothing.",
 )
-@json_option
 def collect(
     presses: str,
     out: Path,
@@ -132,7 +123,6 @@ def collect(
     seed: int | None,
     speed_scale: float,
     dry_run_height: float | None,
-    json_file: Path | None,
     **device: Any,
 ) -> int:
     """Press what a protocol trains, validates and tests on, and keep the frames as a data set.
@@ -157,8 +147,6 @@ def collect(
                 f"{total:,} presses were moved through {dry_run_height:g} mm above the sensor; "
                 f"nothing was kept{f'; {left:,} presses are left' if left else ''}"
             )
-            rows = [("presses", "made", total, ""), ("presses", "left", left, "")]
-            write_figures(json_file, rows)
             return INTERRUPTED if left else 0
         if not is_quiet():
             time = format_duration(estimate_seconds(plan.presses, slow))
@@ -169,13 +157,6 @@ def collect(
             report = collect_presses(
                 settings, plan, out, callbacks=callbacks, speed_scale=speed_scale
             )
-    figures = [
-        ("samples", "ok", report.ok, ""),
-        ("samples", "bad", report.bad, ""),
-        ("presses", "left", report.left, ""),
-        *(("first_touch", str(k), touch.z0_mm, "mm") for k, touch in enumerate(report.touches)),
-    ]
-    write_figures(json_file, figures)
     return _print_report(report, out)
 
 

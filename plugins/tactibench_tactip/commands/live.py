@@ -29,11 +29,9 @@ from tactibench.live import (
 from tactibench_tactip.camera import Camera, CameraFrame, Image, Reference
 from tactibench_tactip.commands.output import (
     device_options,
-    json_option,
     number_option,
     open_devices,
     print_rows,
-    write_figures,
 )
 from tactibench_tactip.plan import is_mounted, plan_of, with_smallest_turn
 from tactibench_tactip.robots import StopNowError, make_robot
@@ -66,26 +64,20 @@ END_S = 15.0
     help="Weights that were trained on this data set.",
 )
 @click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
-@click.option(
-    "--untrained", is_flag=True, help="Random weights of a network, to see the latency alone."
-)
 @number_option("--frames", click.IntRange(min=1), 300, "Frames to answer.")
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; 0: any free.")
-@json_option
 def live(
     model: str,
     protocol: str,
     params: tuple[str, ...],
     data: Path | None,
     regime: str | None,
-    untrained: bool,
     frames: int,
     press: bool,
     serve: bool,
     port: int,
-    json_file: Path | None,
     **device: Any,
 ) -> None:
     """Answer frames as they come and show camera, pins, heatmap, contacts and the loop's latency.
@@ -95,7 +87,7 @@ def live(
     """
     sensor = None if data is None else "recorded"
     network, label = trained_model(
-        model, protocol, params=params, data=data, regime=regime, sensor=sensor, untrained=untrained
+        model, protocol, params=params, data=data, regime=regime, sensor=sensor
     )
     with open_devices(**device) as settings, ExitStack() as stack:
         presses: Future[None] | None = None
@@ -124,7 +116,7 @@ def live(
         raw_ms, dropped = watch(camera, network, rest, frames, show)
     if terminal:
         click.echo(err=True)
-    _print_latency(raw_ms, dropped, label, untrained, json_file)
+    _print_latency(raw_ms, dropped, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,9 +212,7 @@ def press_meanwhile(station: Station) -> Iterator[Future[None]]:
         presses.result()
 
 
-def _print_latency(
-    raw_ms: list[float], dropped: float, label: str, untrained: bool, json_file: Path | None
-) -> None:
+def _print_latency(raw_ms: list[float], dropped: float, label: str) -> None:
     p50, p90, p99 = (float(value) for value in np.percentile(raw_ms, (50, 90, 99)))
     values = {"p50": p50, "p90": p90, "p99": p99, "mean": float(np.mean(raw_ms))}
     row = (label, *(f"{value:.1f}" for value in values.values()))
@@ -230,6 +220,3 @@ def _print_latency(
         ("loop, ms", *values, "frames", "dropped"),
         [(*row, f"{len(raw_ms):,}", f"{dropped:.0%}")],
     )
-    if untrained:
-        click.echo("RANDOM WEIGHTS: the answers say nothing")
-    write_figures(json_file, [("loop", name, value, "ms") for name, value in values.items()])

@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tactibench import UserError
-from tactibench.lab import write_json
 from tactibench_tactip.settings import Settings, read_settings
 
 Verb = Callable[..., Any]
@@ -24,12 +23,6 @@ config_option = click.option(
     metavar="FILE.toml",
     type=click.Path(path_type=Path),
     help="Configuration of the setup.",
-)
-json_option = click.option(
-    "--json",
-    "json_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the figures here.",
 )
 emulate_option = click.option(
     "--emulate",
@@ -79,13 +72,6 @@ def print_rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for row in (heads, *rows):
         line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         click.echo(line.rstrip())
-
-
-def write_figures(path: Path | None, rows: Sequence[tuple[str, str, Any, str]]) -> None:
-    """Write rows (metric, group, value, unit) to a file, if there is one."""
-    if path is not None:
-        keys = ("metric", "group", "value", "unit")
-        write_json(path, [dict(zip(keys, row, strict=True)) for row in rows])
 
 
 def format_duration(seconds: float) -> str:
