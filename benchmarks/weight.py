@@ -40,7 +40,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_cnn": (185, 3),
     "plugins/tactibench_heatmaps": (720, 4),
     "plugins/tactibench_mixture": (212, 3),
-    "plugins/tactibench_pins": (796, 5),
+    "plugins/tactibench_pins": (798, 5),
     "plugins/tactibench_recorded": (266, 3),
     "plugins/tactibench_sim": (3587, 22),
     "plugins/tactibench_superpose": (799, 5),
@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (811, 11),
     "tactibench/board": (2015, 11),
     "tactibench/cli": (2176, 12),
-    "tactibench/datasets": (3391, 17),
+    "tactibench/datasets": (3381, 17),
     "tactibench/frames": (1819, 11),
     "tactibench/live": (430, 4),
     "tactibench/markers": (1743, 8),
@@ -65,7 +65,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/superposition": (1051, 5),
     "tactibench/sweep": (471, 3),
     "tactibench/testing": (1209, 6),
-    "tactibench/training": (1246, 8),
+    "tactibench/training": (1224, 8),
 }
 """Package -> most code lines, most modules. A row is lowered when a package shrinks."""
 LOADED = """

@@ -316,17 +316,14 @@ def find_reader(frames: Sequence[Frame], targets: Array, transfers: bool) -> Rea
     return LatticePins(pins) if transfers else OwnPins(pins)
 
 
-def restored_reader(extra: Mapping[str, Any], transfers: bool) -> Reader | None:
-    """Return the reader that was saved; None where there was none.
-
-    Older weights for transfer do not say "lattice"; with ``transfers`` they are read on it.
-    """
+def restored_reader(extra: Mapping[str, Any]) -> Reader | None:
+    """Return the reader that was saved; None where there was none."""
     if channels := extra.get("channels"):
         return Channels(**channels)
     if extra["rest"] is None:
         return None
     pins = PinTracker(unpack_image(extra["rest"]))
-    return LatticePins(pins) if transfers or "lattice" in extra else OwnPins(pins)
+    return LatticePins(pins) if "lattice" in extra else OwnPins(pins)
 
 
 def displacements(reader: Reader | None, frames: Sequence[Frame], model: str) -> Array:

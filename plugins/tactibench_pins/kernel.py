@@ -300,7 +300,7 @@ class Kernel(Model):
                 "scale": self._scale.to_json(),
                 "length": self._length,
                 "least": self._threshold,
-                **({"polar": True} if self._components.polar else {}),
+                "polar": self._components.polar,
             },
         )
 
@@ -312,11 +312,11 @@ class Kernel(Model):
         """
         tensors, extra = load_weights(directory, model=self.name, architecture=self._architecture)
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
-        self._reader = restored_reader(extra, self.context.transfers)
+        self._reader = restored_reader(extra)
         self._setting = Setting(**extra["setting"])
         self._scale = Normalisation.from_json(extra["scale"])
         self._components = Components(
-            arrays["mean"], arrays["basis"], arrays["spread"], extra.get("polar", False)
+            arrays["mean"], arrays["basis"], arrays["spread"], extra["polar"]
         )
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
@@ -325,8 +325,7 @@ class Kernel(Model):
     @property
     def _architecture(self) -> dict[str, Any]:
         """Facts that weights must share, such as whether they are on the common lattice."""
-        shared = {"transfers": True} if self.context.transfers else {}
-        return {"answer": self.context.answer, **shared}
+        return {"answer": self.context.answer, "transfers": self.context.transfers}
 
     def parameter_count(self) -> int:
         """Return the count of learned numbers: places, their weights, the components."""

@@ -334,9 +334,12 @@ class Pins(LearnedModel):
         epochs: int = 0,
         precision: str = "recipe",
     ) -> None:
-        architecture = {"members": members, "width": width, "answer": context.answer}
-        if context.transfers:
-            architecture["transfers"] = True
+        architecture = {
+            "members": members,
+            "width": width,
+            "answer": context.answer,
+            "transfers": context.transfers,
+        }
         recipe = TRANSFER if context.transfers else RECIPE
         super().__init__(context, recipe.with_choices(epochs, precision), architecture)
         self._recipe_of_channels = CHANNELS.with_choices(epochs, precision)
@@ -463,7 +466,7 @@ class Pins(LearnedModel):
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
-        self._reader = restored_reader(extra, self.context.transfers)
+        self._reader = restored_reader(extra)
         self._size = 2 if self._reader is None else self._reader.size
         self._components = extra["components"]
         self._scale = Normalisation.from_json(extra["scale"])

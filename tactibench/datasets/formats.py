@@ -194,12 +194,10 @@ def _find_frames(
     ]
     absent = [name for name, path in zip(names, paths, strict=True) if path is None]
     if absent and (options.missing == REFUSE or len(absent) == len(names)):
-        many = len(absent) > 1
         where = ", ".join(place.name for place in places)
         raise UserError(
-            f"{table} names {len(absent)} frame{'s' if many else ''} that "
-            f"{'are' if many else 'is'} not there, first {absent[0]} (looked for in {where}); "
-            "add the files or remove their rows."
+            f"{table} names {len(absent)} frames without a file, first {absent[0]} (looked for in "
+            f"{where}); add the files or remove their rows."
         )
     return paths
 

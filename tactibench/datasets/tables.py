@@ -7,7 +7,6 @@ are read where the columns are separated by something else and no cell has a dec
 from __future__ import annotations
 
 import io
-import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,16 +83,10 @@ class Table:
             wrong &= cells.str.strip() != ""
         bad = np.flatnonzero(wrong)
         if len(bad):
-            cell = cells.iloc[bad[0]]
-            advice = "fix or remove them."
-            if re.fullmatch(_COMMA_NUMBER, cell):
-                advice = (
-                    "the file uses decimal commas: write points, or separate the columns by ';' "
-                    "and write all numbers with commas."
-                )
             raise UserError(
-                f"{self.path} row {bad[0] + 1}: {column} is {cell!r}, but it must be a finite "
-                f"number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); {advice}"
+                f"{self.path} row {bad[0] + 1}: {column} is {cells.iloc[bad[0]]!r}, but it must be "
+                f"a finite number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); fix or "
+                "remove them (decimal commas need columns separated by ';', and no points)."
             )
         return numbers
 

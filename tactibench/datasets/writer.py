@@ -464,18 +464,17 @@ def new_folder(target: Path, source: Path) -> Iterator[Path]:
         source: Folder of the data set, into which nothing may be written.
 
     Raises:
-        UserError: ``target`` is a file, holds something, lies in ``source``, or has no parent.
+        UserError: ``target`` is no empty folder, lies in ``source``, or has no parent.
     """
     target = target.absolute()
     if not target.parent.is_dir():
         raise UserError(f"the folder {target.parent} is not there; make it first.")
     if target.resolve().is_relative_to(source.resolve()):
         raise UserError(f"{target} lies in the data set {source}; give a folder outside of it.")
-    if target.is_symlink() or (target.exists() and not target.is_dir()):
-        raise UserError(f"{target} is a file or a link; give the name of a new folder.")
-    if target.is_dir() and any(target.iterdir()):
+    taken = target.exists() and not (target.is_dir() and not any(target.iterdir()))
+    if taken or target.is_symlink():
         raise UserError(
-            f"{target} holds files already; give the name of a new folder, nothing is overwritten."
+            f"{target} is there already; give the name of a new folder, nothing is overwritten."
         )
     temporary = target.with_name(f".{target.name}.{uuid4().hex[:8]}")
     temporary.mkdir()

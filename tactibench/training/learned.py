@@ -16,11 +16,7 @@ from torch import nn
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
-from tactibench.training.inference import (
-    deterministic_kernels,
-    float32_tensors,
-    fold_batch_norm,
-)
+from tactibench.training.inference import deterministic_kernels, fold_batch_norm
 from tactibench.training.loop import train
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
 from tactibench.training.targets import Examples, position_error_mm
@@ -66,8 +62,6 @@ class LearnedModel(Model):
         self.prior: Prior = "nominal mechanics"
         self._network: nn.Module | None = None
         self._folded: nn.Module | None = None
-
-    # Methods that a subclass must define.
 
     @abstractmethod
     def build(self) -> nn.Module:
@@ -174,17 +168,6 @@ class LearnedModel(Model):
             UserError: There is no frame that the model can learn from, mixed frames are requested
                 and cannot be made, or the loss is not finite.
         """
-        with float32_tensors():
-            return self._fit(frames, truth, validation, rng, progress)
-
-    def _fit(
-        self,
-        frames: Sequence[Frame],
-        truth: Sequence[Answer],
-        validation: tuple[Sequence[Frame], Sequence[Answer]],
-        rng: np.random.Generator,
-        progress: Progress,
-    ) -> FitReport:
         seeds = Seeds.draw(rng)
         count = len(frames)
         frames, truth = self._usable(frames, truth)
@@ -251,7 +234,7 @@ class LearnedModel(Model):
         if self._folded is None:
             self._folded = self.fold(self.network)
         device = self.context.device
-        with float32_tensors(), deterministic_kernels(device):
+        with deterministic_kernels(device):
             batches = torch.split(inputs, _BATCH)
             outputs = [self.outputs(self._folded(batch.to(device))) for batch in batches]
         return np.concatenate(outputs)
@@ -304,7 +287,7 @@ class LearnedModel(Model):
 
         inputs = self.inputs([frame]).to(self.context.device)
         counter = FlopCounterMode(display=False)
-        with torch.no_grad(), float32_tensors(), counter:
+        with torch.no_grad(), counter:
             self.network(inputs)
         return int(counter.get_total_flops())
 
@@ -336,7 +319,7 @@ class LearnedModel(Model):
         return mixed, contacts
 
     def _build(self, seed: int) -> nn.Module:
-        with torch_seed(seed), float32_tensors():
+        with torch_seed(seed):
             return self.build()
 
     def _use(self, network: nn.Module) -> nn.Module:

@@ -380,7 +380,7 @@ def mixture_values(
 
     Args:
         raw: (B, 7 or more, M) raw outputs, of which the first 7 channels are used.
-        anchors: (M, 2) or (B, M, 2), mm.
+        anchors: (M, 2), mm.
         scale: Scale of the raw outputs.
     """
     mean, std = _gaussians(_exact(raw), anchors, scale)
@@ -400,7 +400,7 @@ def mixture_loss(
 
     Args:
         raw: (B, 7 or more, M) raw outputs, of which the first 7 channels are used.
-        anchors: (M, 2) or (B, M, 2), mm.
+        anchors: (M, 2), mm.
         contacts: (B, K, 3) x, y, depth, mm; rows of NaN stand for no contact.
         scale: Scale of the raw outputs.
     """

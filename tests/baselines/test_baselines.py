@@ -73,15 +73,6 @@ def same(a, b):
     return all(np.array_equal(getattr(a, f), getattr(b, f)) for f in ("xy", "depth", "score"))
 
 
-def test_mean_of_single_contacts(rng, fitted):
-    truth = random_contacts(rng, [1] * 50)
-    model = fitted(MeanModel, random_frames(rng, 50), truth)
-    (got,) = model.predict(random_frames(rng, 1))
-    np.testing.assert_allclose(got.xy, [np.mean([t.xy[0] for t in truth], axis=0)])
-    np.testing.assert_allclose(got.depth, [np.mean([t.depth[0] for t in truth])])
-    assert got.score.tolist() == [1.0]
-
-
 def test_mean_weighs_contacts_alike_not_frames(fitted, rng):
     truth = [Contacts.truth([[3.0, 0.0]], [1.0]), Contacts.truth([[0, 3], [0, 0]], [4.0, 4.0])]
     model = fitted(MeanModel, random_frames(rng, 2), truth)

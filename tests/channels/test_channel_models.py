@@ -13,7 +13,7 @@ from tactibench import Frame, Grid, ModelContext, Pose, UserError
 from tactibench.plugins import Origin, PluginHost, installed
 from tactibench.run import NullProgress, RunRequest, make_plan
 
-MODELS = {"nearest": {}, "kernel": {}, "pins": {"members": 2, "width": 64, "epochs": 60}}
+MODELS = {"nearest": {}, "kernel": {}, "pins": {"members": 2, "width": 64, "epochs": 30}}
 CONTEXT = ModelContext(answer="contacts", grid=Grid.centred(64, 0.75), max_depth=4.0)
 
 
@@ -34,8 +34,8 @@ def trained(request: pytest.FixtureRequest, host: PluginHost, press_skin: Any) -
         return spec.load()(CONTEXT, **values)
 
     model = build()
-    frames, truth = press_skin(300, 1)
-    held_out = press_skin(60, 2)
+    frames, truth = press_skin(200, 1)
+    held_out = press_skin(40, 2)
     model.fit(
         frames,
         truth,
@@ -53,17 +53,8 @@ def test_presses_are_read(trained: Any, press_skin: Any) -> None:
         np.abs([*(one.xy[0] - true.xy[0]), one.depth[0] - true.depth[0]]).mean()
         for one, true in zip(model.predict(frames), truth, strict=True)
     ]
-    # The range is 24 x 24 x 3.5 mm: guessing is off by 4 mm, the nearest of 300 presses by 1.
+    # The range is 24 x 24 x 3.5 mm: guessing is off by 4 mm, the nearest of 200 presses by 1.
     assert np.mean(errors) < {"nearest": 1.5, "kernel": 0.8, "pins": 0.8}[name]
-
-
-def test_a_frame_alone_is_read_as_among_others(trained: Any, press_skin: Any) -> None:
-    _, model, _ = trained
-    frames, _ = press_skin(20, 8)
-    alone = [answer for frame in frames for answer in model.predict([frame])]
-    for one, other in zip(alone, model.predict(frames), strict=True):
-        assert np.allclose(one.xy, other.xy, atol=1e-5)
-        assert np.allclose(one.depth, other.depth, atol=1e-5)
 
 
 def test_an_untouched_skin_is_no_contact(trained: Any, press_skin: Any) -> None:

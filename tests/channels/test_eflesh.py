@@ -47,6 +47,7 @@ def test_channels_are_those_of_the_file(dataset: Dataset) -> None:
     assert np.allclose([pose.depth for pose in poses], 145.5 - states[:, 3])
 
 
+@pytest.mark.long
 def test_it_serves_exp1_with_every_press(dataset: Dataset) -> None:
     by_name = {one.protocol: one for one in served_protocols(open_recording(dataset.folder))}
     assert by_name["exp1"].reason == "3,460 frames train, 385 validate, 960 test"

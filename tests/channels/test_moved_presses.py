@@ -64,16 +64,3 @@ def _noise(forward: ForwardModel, channels: Array) -> float:
     """Return the noise of a process: what it leaves of a press is noise times its weight."""
     left = channels - forward(forward.targets * forward.lengths)
     return float(np.median(left / forward.alpha))
-
-
-@pytest.mark.parametrize("count", [1, 2, 5])
-def test_a_few_presses_are_enough(targets: Array, count: int) -> None:
-    few = targets[:count]
-    there, moved = move_presses(few, skin(few), np.random.default_rng(4))
-    assert len(there) == len(moved) == COPIES * count
-    assert np.isfinite(moved).all()
-
-
-def test_channels_that_never_change_stay(targets: Array) -> None:
-    _, moved = move_presses(targets, np.full((300, 2), 5.0), np.random.default_rng(5))
-    assert np.allclose(moved, 5.0)

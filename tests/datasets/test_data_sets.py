@@ -25,7 +25,6 @@ from tactibench.datasets import (
     Draft,
     Header,
     Writer,
-    count_samples,
     is_dataset,
     open_dataset,
     verify,
@@ -60,7 +59,7 @@ def skin(tmp_path: Path) -> Path:
     return writer.folder
 
 
-@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, suppress_health_check=list(HealthCheck))
 @given(smalls())
 def test_samples_come_back(tmp_path_factory: pytest.TempPathFactory, small: Small) -> None:
     dataset = small.write(tmp_path_factory.mktemp("v1") / "set")
@@ -74,7 +73,7 @@ def test_samples_come_back(tmp_path_factory: pytest.TempPathFactory, small: Smal
     assert verify(dataset.folder) == []
 
 
-@pytest.mark.parametrize("shape", [(15,), (1,), (4, 3)])
+@pytest.mark.parametrize("shape", [(15,), (4, 3)])
 def test_channels_come_back_to_the_last_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
     with Writer(tmp_path / "set", skin_header(shape)) as writer:
         writer.reference(np.zeros(shape, np.float32))
@@ -136,14 +135,6 @@ def test_closing_writes_counts_and_the_journals_hash(closed_set: Path) -> None:
     assert open_dataset(closed_set).sha256 == header["journal_sha256"]
 
 
-def test_bulk_and_synced_writing_make_the_same_files(tmp_path: Path) -> None:
-    for name, fsync in (("bulk", False), ("synced", True)):
-        with Writer(tmp_path / name, header(uuid="0"), fsync=fsync) as writer:
-            writer.add_many([draft(number) for number in range(40)])
-    assert len(files(tmp_path / "bulk")) > 40
-    assert files(tmp_path / "bulk") == files(tmp_path / "synced")
-
-
 def test_writing_goes_on_where_it_was(open_set: Path) -> None:
     with Writer(open_set, header()) as writer:
         for wrong in ([draft(4), draft(2)], [draft(5), draft(5)]):
@@ -153,18 +144,6 @@ def test_writing_goes_on_where_it_was(open_set: Path) -> None:
         writer.add_many([draft(5), draft(4)])
     assert [sample.id for sample in open_dataset(open_set).samples] == [0, 1, 2, 3, 5, 4]
     assert verify(open_set) == []
-
-
-def test_an_exception_leaves_the_data_set_open(tmp_path: Path) -> None:
-    def stop(writer: Writer) -> None:
-        with writer:
-            writer.add(draft(0))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        stop(Writer(tmp_path / "set", header()))
-    dataset = open_dataset(tmp_path / "set")
-    assert (dataset.header.status, len(dataset.samples)) == ("open", 1)
 
 
 def test_it_stays_open_until_the_plan_is_done(tmp_path: Path) -> None:
@@ -181,7 +160,7 @@ def test_it_stays_open_until_the_plan_is_done(tmp_path: Path) -> None:
     assert list(dataset.plan()) == PLAN
 
 
-@pytest.mark.parametrize("plan", [[], PLAN[:-1], [*PLAN[:-1], {"id": 4, "depth_mm": 9.0}]])
+@pytest.mark.parametrize("plan", [[], [*PLAN[:-1], {"id": 4, "depth_mm": 9.0}]])
 def test_another_plan_is_refused(tmp_path: Path, plan: Any) -> None:
     Writer(tmp_path / "set", header(), PLAN).leave_open()
     with pytest.raises(UserError, match="begun with plan_sha256"):
@@ -227,24 +206,13 @@ def test_folders_that_take_no_writer(closed_set: Path, open_set: Path, tmp_path:
         Writer(tmp_path / "mine", header())
 
 
-def test_a_closed_writer_takes_nothing(tmp_path: Path) -> None:
-    writer = Writer(tmp_path / "set", header())
-    writer.close()
-    writer.close()
-    for work in (lambda: writer.add(draft(0)), lambda: writer.event("stop")):
-        with pytest.raises(UserError, match="is closed"):
-            work()
-
-
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
         ({"id": -1}, "id is -1"),
-        ({"labels": {"a": math.nan}}, "sample 8 cannot be written"),
         ({"extra": {"a": {1, 2}}}, "sample 8 cannot be written"),
         ({"scene": Scene(Indenter.single(), Pose(math.nan))}, "sample 8"),
         ({"signal": np.zeros((9, 8), np.uint8)}, r"sample 8 .*shape \(9, 8\) and type uint8"),
-        ({"signal": np.zeros((9, 7, 3), np.uint8)}, r"shape \(9, 7, 3\)"),
         ({"signal": np.zeros((9, 7), np.float32)}, "type float32"),
         ({"signal": b"no picture"}, "not a PNG"),
     ],
@@ -264,8 +232,6 @@ def test_what_cannot_come_back_is_refused_and_leaves_nothing(
     ("signal", "says"),
     [
         (np.zeros(14, np.float32), r"shape \(14,\)"),
-        (np.zeros((4, 4), np.uint8), r"shape \(4, 4\)"),
-        (np.full(15, np.nan, np.float32), "no finite number"),
         (np.full(15, 1e300), "no finite number"),
         (np.array(["a"] * 15), "type <U1"),
     ],
@@ -340,7 +306,7 @@ def test_truncation_at_every_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         kept = sum(end <= size for end in ends)
         assert [sample.id for sample in open_dataset(folder).samples] == list(range(kept))
         assert (folder / "metadata.jsonl").stat().st_size == size
-        if size % 9 == 0:
+        if size % 41 == 0:
             with Writer(folder, header()) as writer:
                 assert writer.done == set(range(kept))
                 assert len(list((folder / "images").rglob("*.png"))) == kept
@@ -349,7 +315,7 @@ def test_truncation_at_every_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             assert files(folder) == whole
 
 
-@settings(max_examples=30, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_any_last_bytes_are_cut_off(open_set: Path, data: st.DataObject) -> None:
     journal = open_set / "metadata.jsonl"
@@ -362,7 +328,7 @@ def test_any_last_bytes_are_cut_off(open_set: Path, data: st.DataObject) -> None
     assert journal.read_bytes() == before
 
 
-@pytest.mark.parametrize("kept", [0, 1, 30, 59, 60, 61])
+@pytest.mark.parametrize("kept", [0, 30, 60, 61])
 def test_a_row_that_no_line_acknowledges_is_cut_off(skin: Path, kept: int) -> None:
     """A crash between the channels and the journal leaves some of the new row's 60 bytes."""
     with (skin / "channels.f32").open("ab") as file:
@@ -396,15 +362,6 @@ def test_what_an_interrupted_writer_left_is_removed_and_nothing_else(open_set: P
     (open_set / "images/000000/.000008.png.part").write_bytes(b"half")
     Writer(open_set, header()).leave_open()
     assert files(open_set) == before
-
-
-def test_reading_does_not_disturb_a_writer(open_set: Path) -> None:
-    with Writer(open_set, header()) as writer:
-        (open_set / "images/000000/000004.png").write_bytes(b"about to be named")
-        before = files(open_set)
-        assert len(open_dataset(open_set).samples) == 4
-        assert files(open_set) == before
-        writer.leave_open()
 
 
 def test_a_full_disk_loses_nothing_that_was_acknowledged(
@@ -499,12 +456,6 @@ def test_a_changed_journal_of_a_closed_data_set_is_refused(closed_set: Path) -> 
         with pytest.raises(UserError, match="not what it was when the data set was closed"):
             open_dataset(closed_set)
         assert "was closed (checksum" in " ".join(verify(closed_set))
-
-
-def test_an_intact_data_set(closed_set: Path) -> None:
-    told: list[int] = []
-    assert verify(closed_set, told.append) == []
-    assert sum(told) == count_samples(closed_set) == 4
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,7 @@ def test_frames_are_those_of_the_cache(
     assert verify(tmp_path / "set") == []
 
 
-@pytest.mark.parametrize("stops", [[0], [1], [6], [7], [16], [3, 9, 20], list(range(1, 21, 3))])
+@pytest.mark.parametrize("stops", [[0], [7], [3, 9, 20]])
 def test_interruptions_change_nothing(
     tmp_path: Path,
     source: SensorSource,
@@ -218,10 +218,8 @@ def test_a_plan_file_says_what_plan_jsonl_says(tmp_path: Path, small: PressPlan)
         ("{", "line 2 is no JSON object"),
         ('{"id": 0, "indenter": "single", "x_mm": 0, "y_mm": 0, "depth_mm": 1}', "row 2"),
         ('{"id": 1, "x_mm": 0, "y_mm": 0, "depth_mm": 1}', "line 2: a pose needs"),
-        ('{"id": 1}', "line 2: a pose needs the key 'indenter'"),
         ('{"id": 1, "indenter": "single", "x_mm": 0, "y_mm": 0}', "line 2: the key 'depth_mm'"),
         ('{"id": 1, "indenter": "a", "x_mm": 0, "y": 0, "depth_mm": 1}', "line 2: unknown key 'y'"),
-        ('{"id": 1, "indenter": "a", "x_mm": "0"}', "line 2: key 'x_mm' is '0'"),
         ('{"id": 1, "indenter": "a", "x_mm": NaN}', "row 2 of .*plan.jsonl cannot be written"),
     ],
 )

@@ -27,11 +27,9 @@ Spoil = Callable[[Pose], Pose]
 
 SPOILED: list[tuple[str, Spoil, str]] = [
     ("x and y swapped", lambda p: replace(p, x=p.y, y=p.x), "mirrored"),
-    ("x the other way", lambda p: replace(p, x=-p.x), "mirrored"),
     ("depth the other way", lambda p: replace(p, depth=6 - p.depth), "counts the other way"),
     ("depth and x swapped", lambda p: replace(p, depth=p.x, x=p.depth), "does not follow"),
     ("metres", lambda p: replace(p, depth=p.depth / 1000), "check the column of the depth"),
-    ("micrometres", lambda p: replace(p, depth=p.depth * 1000), "check the column of the depth"),
     ("a zero elsewhere", lambda p: replace(p, x=p.x + 300), "places would reach"),
     ("y in another unit", lambda p: replace(p, y=p.y / 10), "times as long"),
 ]
@@ -85,7 +83,7 @@ def test_spoiled_labels_of_tips_are_noticed(pressed: Recording, spoil: Spoil, wo
     assert words in contradictions(pressed, posed(pressed, spoil))
 
 
-@pytest.mark.parametrize("lag", [-3, -1, 1, 2])
+@pytest.mark.parametrize("lag", [-1, 2])
 def test_shifted_rows_are_noticed(pressed: Recording, lag: int) -> None:
     scenes = list(pressed.scenes)
     wrong = contradictions(pressed, tuple(scenes[-lag:] + scenes[:-lag]))
@@ -115,15 +113,6 @@ def test_channels_are_held_against_their_depth(tmp_path: Path) -> None:
         if s is not None
     )
     assert "no x alike" in contradictions(skin, wrong_x)
-
-
-def test_a_skin_of_one_press_is_not_held_against_itself(tmp_path: Path) -> None:
-    np.savetxt(tmp_path / "field.csv", np.random.default_rng(0).random((80, 4)), delimiter=",")
-    rows = "".join(f"{k / 10},0,{1 + k / 100},same\n" for k in range(80))
-    (tmp_path / "labels.csv").write_text("x_mm,y_mm,depth_mm,trial\n" + rows)
-    options = ImportOptions(channels="field.csv", surface="flat", press="trial")
-    skin = open_recording(tmp_path, options)
-    assert not any("alike" in fact for fact in check_labels(skin, skin.scenes, options).facts)
 
 
 def test_too_few_presses_are_no_contradiction(pressed: Recording) -> None:

@@ -120,18 +120,6 @@ def test_the_field_is_what_the_pins_do(draw):
     assert field(none).shape == (0, 2, 32, 32)
 
 
-def test_a_stretched_layout_gives_a_field_that_grows_along_x(draw):
-    _, picture, pins = draw
-    rest = pins()
-    field = field_of(picture(rest))
-    stretched = rest + np.column_stack([0.03 * (rest[:, 0] - 31.5), np.zeros(len(rest))])
-    found = seen_by(field, picture(stretched))[0]
-    middle = (np.arange(32) + 0.5) * 2 - 0.5
-    inside = slice(8, 24)
-    expected = np.broadcast_to(0.03 * (middle[inside] - 31.5), (16, 16))
-    np.testing.assert_allclose(found[0, inside, inside], expected, atol=0.06)
-
-
 def test_symmetry_is_seen_in_the_pins_at_rest(draw):
     _, picture, pins = draw
     assert field_of(picture(pins())).symmetry == (True, True)

@@ -48,18 +48,6 @@ def test_plates_are_read_far_better_than_by_their_mean(taught, make_presses, nam
     assert (error < FAR[name] * alone).all(), error / alone
 
 
-@pytest.mark.long
-@both
-def test_single_contacts_are_read_too(make_model, fit, make_presses, name):
-    model = make_model(name, answer="contacts")
-    fit(model, plate=False, count=200)
-    frames, truth = make_presses(40, 8, plate=False)
-    answers = model.predict(frames)
-    assert all(len(contacts) == 1 for contacts in answers)
-    apart = [np.linalg.norm(f.xy[0] - t.xy[0]) for f, t in zip(answers, truth, strict=True)]
-    assert np.mean(apart) < 1.0
-
-
 @both
 def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp_path):
     """No training frame is at rest: the faintest press says how far pins go at least."""
@@ -90,37 +78,19 @@ def test_how_far_pins_went_decides():
 
 
 @both
-def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
+def test_several_contacts_and_no_contact(make_model, make_presses, name):
     frames, truth = make_presses(4, 13, plate=False)
     two = Contacts.truth([[0, 0], [3, 0]], [1, 1])
 
     def learn(answers):
-        model = (
-            make_model(name, answer="contacts", epochs=1)
-            if name == "pins"
-            else make_model(name, answer="contacts")
-        )
-        rng = np.random.default_rng(0)
-        progress = type("P", (), {m: lambda *_: None for m in ("start", "step", "epoch")})()
-        return model.fit(frames, answers, validation=([], []), rng=rng, progress=progress)
+        model, rng = make_model(name, answer="contacts", epochs=1), np.random.default_rng(0)
+        return model.fit(frames, answers, validation=([], []), rng=rng, progress=NullProgress())
 
     with pytest.raises(UserError, match=f"model '{name}' answers one contact, but .* holds 2"):
         learn([*truth[:3], two])
     assert 1 in learn([*truth[:3], Contacts.none()]).notes.values()
     with pytest.raises(UserError, match="raise the training count"):
         learn([Contacts.none()] * 4)
-
-
-@pytest.mark.long
-@both
-def test_without_a_rest_image_the_least_pressed_frame_stands_in(
-    make_model, fit, make_presses, name
-):
-    model = make_model(name)
-    fit(model, rest=False)
-    frames, truth = make_presses(30, 15, rest=False)
-    error = np.abs(poses(model.predict(frames)) - poses(truth)).mean(axis=0)
-    assert (error < [0.5, 3.0]).all()
 
 
 def moved(count=60, pins=5, seed=0):

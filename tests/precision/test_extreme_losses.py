@@ -99,12 +99,3 @@ def test_no_channel_of_the_mixture_hides_a_nan(channel: int) -> None:
     assert torch.isnan(mixture_loss(outputs, ANCHORS, contact, SCALE))
     values = torch.cat([v.reshape(-1) for v in mixture_values(outputs, ANCHORS, SCALE)])
     assert torch.isnan(values).any()
-
-
-def test_bf16_outputs_are_weighed_in_float32() -> None:
-    """The loss of bf16 outputs is that of the same numbers in float32, bit for bit."""
-    outputs = torch.randn(2, 7, 3, generator=torch.Generator().manual_seed(0)).bfloat16()
-    contacts = torch.tensor([[[0.0, 0.0, 3.0]], [[4.0, 1.0, 2.0]]])
-    one = mixture_loss(outputs, ANCHORS, contacts, SCALE)
-    assert one.dtype == torch.float32
-    assert torch.equal(one, mixture_loss(outputs.float(), ANCHORS, contacts, SCALE))

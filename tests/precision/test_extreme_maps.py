@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from tactibench import Contacts, Grid
 from tactibench.plugins import PluginHost
@@ -46,17 +45,14 @@ def sound(found: Contacts, encoder: Any) -> None:
     assert ((found.score >= 0) & (found.score <= 1)).all()
 
 
-@pytest.mark.parametrize("kind", ["ones", "stripes", "checks", "corners", "rim", "half", "two"])
+@pytest.mark.parametrize("kind", ["ones", "checks", "rim", "half"])
 def test_ties_plateaus_and_borders_are_read(encoder: Any, kind: str) -> None:
     rows, columns = np.indices(GRID.shape)
     heat = {
         "ones": (rows > 8) & (rows < 20) & (columns > 8) & (columns < 20),
-        "stripes": rows % 2 == 0,
         "checks": (rows + columns) % 2 == 0,
-        "corners": (rows % 31 == 0) & (columns % 31 == 0),
         "rim": (rows % 31 == 0) | (columns % 31 == 0),
         "half": columns < 16,
-        "two": (rows == 16) & ((columns == 8) | (columns == 24)),
     }[kind]
     maps = flat(encoder, 0.0)
     maps[:] = heat
@@ -68,8 +64,8 @@ def test_ties_plateaus_and_borders_are_read(encoder: Any, kind: str) -> None:
         np.testing.assert_array_equal(one.xy, found.xy)
 
 
-@pytest.mark.parametrize("place", [(EDGE, 0.0), (EDGE, EDGE), (-EDGE, EDGE), (0.0, -EDGE)])
-@pytest.mark.parametrize("depth", [0.3, 3.0, 6.0])
+@pytest.mark.parametrize("place", [(EDGE, 0.0), (-EDGE, EDGE)])
+@pytest.mark.parametrize("depth", [0.3, 6.0])
 def test_peaks_on_the_border_and_in_corners(
     encoder: Any, place: tuple[float, float], depth: float
 ) -> None:
@@ -77,37 +73,6 @@ def test_peaks_on_the_border_and_in_corners(
     assert len(found) == 1
     assert np.abs(found.xy - place).max() <= 0.5 * GRID.pitch + 1e-9
     assert abs(found.depth[0] - depth) <= 0.05 * depth + 0.01
-
-
-def test_contacts_in_one_place_are_one(encoder: Any) -> None:
-    place = GRID.xy(16, 16)
-    found = encoder.decode(encoder.encode(Contacts.truth([place, place], [3.0, 3.0]), GRID), GRID)
-    assert len(found) == 1
-    assert np.abs(found.xy - place).max() <= 0.5 * GRID.pitch + 1e-9
-
-
-@pytest.mark.parametrize("kind", [torch.float64, torch.bfloat16, torch.float16])
-def test_maps_in_other_numbers_are_read_as_finely_as_these_are(
-    encoder: Any, kind: torch.dtype
-) -> None:
-    """bf16 holds 8 bits: of a depth of 3 mm it is off by up to 1 / 256, 0.012 mm."""
-    rng = np.random.default_rng(0)
-    for _ in range(10):
-        truth = Contacts.truth(rng.uniform(-8, 8, (1, 2)), rng.uniform(1, 5.5, 1))
-        maps = encoder.encode(truth, GRID)
-        given = torch.from_numpy(maps).to(kind).double().numpy()
-        exact, found = encoder.decode(maps, GRID), encoder.decode(given, GRID)
-        assert len(exact) == len(found) == 1
-        slack = 1e-9 if kind == torch.float64 else 2.0 * torch.finfo(kind).eps
-        coarse = (
-            GRID.pitch
-            if type(encoder).__name__ == "HertzGaussian"
-            and (encoder.peaks.decoder == "maximum")
-            and kind == torch.bfloat16
-            else 0.0
-        )
-        assert np.abs(found.xy - exact.xy).max() <= 6 * slack + coarse
-        assert abs(found.depth[0] - exact.depth[0]) <= 6 * slack
 
 
 @pytest.mark.parametrize(

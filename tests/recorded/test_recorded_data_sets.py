@@ -76,11 +76,6 @@ def test_a_split_that_is_not_there(data_set, recording, open_recording):
         open_recording(recording, split="mine")
 
 
-def test_repeated_presses_stay_apart(data_set, open_recording):
-    sensor = open_recording(data_set([SINGLE[0], SINGLE[0], SINGLE[1]]))
-    assert [frame.timestamp for frame in sensor.frames(reversed(sensor.scenes()))] == [2, 1, 0]
-
-
 def test_an_imported_recording_answers_as_it_did(recording, tmp_path, open_recording):
     import_folder(recording, tmp_path / "labels")
     before, after = open_recording(recording), open_recording(tmp_path / "labels")
@@ -100,14 +95,6 @@ def test_the_pivot_lifts_tilted_presses(recording, open_recording):
         assert lifted[name].pose.depth == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_csv_with_contacts(tmp_path, recording, open_recording):
-    lines = "".join(f"frame_{i}_0.png,{i},0,2\n" for i in range(5))
-    (recording / "targets.csv").unlink()
-    (recording / "presses.csv").write_text("file_name,x_mm,y_mm,depth_mm\n" + lines)
-    scenes = list(open_recording(recording).scenes().values())
-    assert scenes == [Scene(Indenter.single(), Pose(float(i), depth=2.0)) for i in range(5)]
-
-
 def test_no_rest_frame_and_no_scene(data_set, open_recording):
     folder = data_set(SINGLE, rest=False)
     with pytest.raises(UserError, match="no frame of the undeformed sensor"):
@@ -117,12 +104,3 @@ def test_no_rest_frame_and_no_scene(data_set, open_recording):
 def test_samples_of_which_nothing_is_known(data_set, open_recording):
     with pytest.raises(UserError, match="no column pose_2"):
         open_recording(data_set([None, None]))
-
-
-def test_a_damaged_sample_is_named(data_set, open_recording):
-    folder = data_set(SINGLE)
-    sensor = open_recording(folder)
-    path = folder / "images" / "000000" / "000002.png"
-    path.write_bytes(path.read_bytes()[:-5])
-    with pytest.raises(UserError, match=r"000002\.png was changed"):
-        list(sensor.press_many(SINGLE))

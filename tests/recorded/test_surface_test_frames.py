@@ -13,13 +13,6 @@ LINES = FILE.read_text(encoding="utf-8").splitlines()
 NAMES = [line for line in LINES if not line.startswith("#")]
 
 
-def test_the_list_names_its_source_first():
-    comment = " ".join(line for line in LINES[: len(LINES) - len(NAMES)])
-    assert all(line.startswith("#") for line in LINES[: len(LINES) - len(NAMES)])
-    for part in ("Neo-manchester/Tac-VGNN", "c904ce8", "ICRA 2023", "matching"):
-        assert part in comment
-
-
 def test_the_list_has_1210_different_frames():
     assert len(NAMES) == len(set(NAMES)) == 1210
     assert all(re.fullmatch(r"frame_\d+_0\.png", name) for name in NAMES)

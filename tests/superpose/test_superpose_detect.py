@@ -73,8 +73,8 @@ def in_order(found, wanted):
     return found[order]
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("share", [0.1, 0.9])
 def test_doubtful_pins_do_not_hide_a_contact(usual, field, seed, share):
     rng = np.random.default_rng(seed)
     wanted = np.array([[*rng.uniform(-5, 5, 2), rng.uniform(0.5, 5)]])
@@ -83,17 +83,8 @@ def test_doubtful_pins_do_not_hide_a_contact(usual, field, seed, share):
     np.testing.assert_allclose(solution.contacts[0], wanted, atol=0.1)
 
 
-@pytest.mark.parametrize("depth", [0.3, 0.4])
-def test_a_contact_shallower_than_the_first_training_press_is_found(field, depth):
-    wanted = np.array([[1.0, -2.0, depth]])
-    fine = detector(field, sigma=SIGMA / 5)
-    solution, _ = find(fine, push(wanted)[0] + noise(0) / 5, SURE)
-    assert solution.contacts.shape == (1, 1, 3)
-    assert np.hypot(*(solution.contacts[0, 0, :2] - wanted[0, :2])) < 1.0
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_as_many_are_found_as_there_are(usual, field, count, seed):
     wanted = far_apart(count) + np.random.default_rng(seed).uniform(-0.8, 0.8, (count, 3))
     solution, taken = find(usual, field(wanted).sum(axis=0) + noise(seed), SURE)
@@ -102,8 +93,8 @@ def test_as_many_are_found_as_there_are(usual, field, count, seed):
     assert ((taken > 0) & (taken <= 1)).all()
 
 
-@pytest.mark.parametrize("distance", [5.5, 6.5, 8.0])
-@pytest.mark.parametrize("angle", [0.2, 1.3, 2.6])
+@pytest.mark.parametrize("distance", [5.5, 8.0])
+@pytest.mark.parametrize("angle", [0.2, 1.3])
 def test_two_near_ones_are_not_taken_for_one(usual, field, distance, angle):
     half = distance / 2 * np.array([np.cos(angle), np.sin(angle)])
     wanted = np.array([[*(0.5 - half), 2.0], [*(0.5 + half), 3.0]])
@@ -148,7 +139,7 @@ def test_doubtful_pins_are_named_by_the_contacts_that_were_found(usual, field):
     np.testing.assert_allclose(solution.normal, clean.normal, rtol=1e-2, atol=1)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_pins_that_went_anywhere_are_no_contact(usual, seed):
     """As in a frame of another sensor: none is sure, and nothing explains where they are."""
     moved = np.random.default_rng(seed).uniform(-PITCH / 2, PITCH / 2, 2 * len(PINS))

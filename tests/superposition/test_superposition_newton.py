@@ -100,24 +100,6 @@ def test_noise_leaves_what_cramer_and_rao_allow(field, count):
     assert chi2.mean() == pytest.approx(122 - 3 * count, rel=0.02)
 
 
-def test_a_frame_alone_and_in_any_order_gives_the_same(field):
-    rng = np.random.default_rng(7)
-    wanted = np.repeat(KNOWN[None, :2], 9, axis=0) + rng.uniform(-1, 1, (9, 2, 3))
-    moved = summed(field, wanted) + 0.05 * rng.normal(size=(9, 122))
-    start, weight = near(wanted, rng), rng.uniform(0.5, 2, (9, 122))
-    whole = solve(field, moved, start, weight)
-    order = rng.permutation(9)
-    turned = solve(field, moved[order], start[order], weight[order])
-    np.testing.assert_allclose(turned.contacts, whole.contacts[order], atol=1e-9)
-    for row in range(9):
-        part = slice(row, row + 1)
-        alone = solve(field, moved[part], start[part], weight[part])
-        for name in ("contacts", "left", "normal"):
-            np.testing.assert_allclose(
-                getattr(alone, name), getattr(whole, name)[part], rtol=1e-7, atol=1e-7
-            )
-
-
 @given(
     x=st.floats(-50, 50),
     y=st.floats(-50, 50),

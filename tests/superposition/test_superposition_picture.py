@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactibench import Frame, Pose, UserError
 from tactibench.markers import PinTracker
 from tactibench.superposition import PinPicture
 
@@ -85,7 +84,7 @@ def centre(light):
     return np.array([(light * x).sum(), (light * y).sum()]) / light.sum()
 
 
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.25, -0.4), (-0.5, 0.1), (1.3, 0.7)])
+@pytest.mark.parametrize("shift", [(0.25, -0.4), (1.3, 0.7)])
 def test_a_pin_drawn_elsewhere_has_its_centre_there(picture, pins, shift):
     dark = PinPicture(np.zeros((80, 80)), picture.light, picture.sizes, np.zeros(2), picture.reach)
     inner = pins[np.hypot(*(pins - 39.5).T) < 30] + shift
@@ -98,7 +97,7 @@ def test_a_pin_drawn_elsewhere_has_its_centre_there(picture, pins, shift):
         np.testing.assert_allclose((found - inner).mean(axis=0), 0, atol=0.02)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1.0, 3.0, 8.0])
+@pytest.mark.parametrize("sigma", [0.0, 3.0])
 def test_even_noise_is_measured(pins, sigma):
     images, places, _ = frames(pins, 40, np.random.default_rng(4), (sigma**2, 0.0))
     noise = PinPicture.learn(images, places).noise
@@ -107,24 +106,7 @@ def test_even_noise_is_measured(pins, sigma):
     assert (noise >= 0).all()
 
 
-@pytest.mark.parametrize("count", [0, 3])
-def test_without_a_rest_image_there_is_no_tracker(singles, count):
-    with pytest.raises(UserError, match="rest image"):
-        PinTracker.of([Frame(frame.image, 0.0, Pose()) for frame in singles[0][:count]])
-
-
-def test_all_pins_that_were_seen_are_sure(singles, pins):
-    tracker = PinTracker.of(singles[0])
-    images = tracker.images(singles[0][:10])
-    moved, sure = tracker.track(images)
-    np.testing.assert_array_equal(moved, tracker.displacements(images))
-    assert sure.shape == (10, len(pins))
-    assert sure.dtype == np.bool_
-    assert sure.mean() > 0.98
-    assert tracker.pitch == pytest.approx(8.0, abs=0.05)
-
-
-@pytest.mark.parametrize("lost", [0, 30, 60])
+@pytest.mark.parametrize("lost", [0, 30])
 def test_around_a_pin_that_is_not_seen_all_are_doubtful(singles, pins, draw_pins, lost):
     """The lost one and its ring of neighbours at least; those far off are not."""
     tracker = PinTracker.of(singles[0])

@@ -30,12 +30,3 @@ def test_float32_on_the_gpu_learns_what_the_processor_learns(run, recipe):
     here, wanted = run(recipe=recipe)
     assert report.history[0]["loss"] == pytest.approx(wanted.history[0]["loss"], rel=0.2)  # dropout
     assert {name for name, _ in there.named_buffers()} == {name for name, _ in here.named_buffers()}
-
-
-def test_examples_are_moved_once(make_examples):
-    moved = make_examples(6, 1).to("cuda")
-    images, targets = moved.take(torch.tensor([4, 1]), "cuda")
-    assert images.is_cuda
-    assert targets.is_cuda
-    assert torch.equal(images.cpu(), make_examples(6, 1).images[[4, 1]])
-    assert moved.bits() == make_examples(6, 1).bits()

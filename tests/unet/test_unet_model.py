@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from drawn_presses import fit, presses
-from silent import Epochs
 
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench_heatmaps import HertzGaussian, Offsets
@@ -36,8 +35,7 @@ def test_weights_are_read_with_the_headroom_they_were_trained_in(make_model, tra
     assert np.array_equal(other.maps(frames), trained.maps(frames))
 
 
-@pytest.mark.parametrize("size", [64, 96, 128])
-@pytest.mark.parametrize("stem", [1, 2, 4])
+@pytest.mark.parametrize(("size", "stem"), [(64, 1), (96, 2), (96, 4)])
 def test_every_size_and_stem_gives_maps_on_the_grid(make_model, size, stem):
     model = make_model(size=size, stem=stem)
     assert model.maps(presses(1, 5)[0]).shape == (1, 1, 64, 64)
@@ -65,17 +63,6 @@ def test_a_stem_of_stride_4_takes_the_place_of_the_first_level(make_model):
     assert maps.shape == (1, 1, 64, 64)
 
 
-def test_every_map_starts_at_its_mean_heat(make_model):
-    heat = torch.rand(6, 1, 64, 64) * 0.1
-    for stem in (2, 4):
-        network = make_model(stem=stem).network
-        network.initialise(torch.zeros(6, 1, 64, 64), heat)
-        with torch.no_grad():
-            network.head.weight.zero_()
-        maps = network(torch.zeros(1, 1, 64, 64, dtype=torch.uint8)).sigmoid()
-        assert torch.allclose(maps, heat.mean().expand_as(maps), atol=1e-5)
-
-
 @pytest.mark.long
 def test_a_plate_is_read_from_the_contact_where_it_touches(make_model, tmp_path):
     """Labels from -4 to 1 mm, as a robot's z: the map shows them shifted, answers do not."""
@@ -95,18 +82,6 @@ def test_a_plate_is_read_from_the_contact_where_it_touches(make_model, tmp_path)
     assert other.predict(frames) == found
 
 
-def test_plate_labels_that_span_more_than_a_map_are_refused(make_model):
-    frames, _ = presses(2, 1)
-    with pytest.raises(UserError, match=r"-4\.00 to 3\.00 mm"):
-        make_model(answer="plate").fit(
-            frames,
-            [PlatePose(-4.0, 0.0), PlatePose(3.0, 0.0)],
-            validation=([], []),
-            rng=np.random.default_rng(0),
-            progress=Epochs(),
-        )
-
-
 def test_what_cannot_work_is_refused_in_a_sentence(make_model):
     from tactibench_unet import UNet
 
@@ -114,10 +89,6 @@ def test_what_cannot_work_is_refused_in_a_sentence(make_model):
         UNet(ModelContext("contacts", Grid.centred(64, 0.4), 6.0))
     with pytest.raises(UserError, match="multiples of 16"):
         make_model(grid=Grid.centred(60, 0.4))
-    with pytest.raises(UserError, match="no training frame"):
-        make_model().fit(
-            [], [], validation=([], []), rng=np.random.default_rng(0), progress=Epochs()
-        )
 
 
 GRID = Grid.centred(32, 0.8)
@@ -181,13 +152,6 @@ FLAT = np.full((64, 64), 20, np.uint8)
 
 def with_rest(frames, rest=FLAT):
     return [replace(frame, rest=rest) for frame in frames]
-
-
-def trained(make_model, frames, truth, **options):
-    model = make_model(size=64, epochs=1, **options)
-    rng = np.random.default_rng(0)
-    model.fit(frames, truth, validation=([], []), rng=rng, progress=Epochs())
-    return model
 
 
 @pytest.mark.parametrize(("options", "seen"), [({}, 2), ({"recipe": "paper"}, 1)])

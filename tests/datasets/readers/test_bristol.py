@@ -49,12 +49,6 @@ def test_without_an_indenter_labels_stay_labels(first, tmp_path):
     assert dataset.samples[2].extra == {"kind": "obj", "source_name": "frame_2_0.png"}
 
 
-def test_shear_and_object_labels_are_kept_and_words_are_extra(third, tmp_path):
-    sample = import_folder(third, tmp_path / "out").samples[3]
-    assert (sample.labels["shear_x"], sample.labels["object_x"]) == (3.0, 7.0)
-    assert sample.extra["object_label"] == "edge"
-
-
 def test_the_header_says_where_the_frames_came_from(first, third, tmp_path):
     dataset = import_folder(first, tmp_path / "a", read_options((*PLATE, "licence=CC0-1.0")))
     source = dataset.header.source

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import cv2
@@ -63,10 +62,6 @@ def test_several_csv_files_ask_which(plain, refused):
     (plain / "more.csv").write_text("a\n1\n")
     refused(lambda: open_recording(plain), "labels.csv, more.csv", "--param table")
     assert len(open_recording(plain, read_options(["table=labels.csv"]))) == 4
-
-
-def write_lines(path, rows):
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_numbers_in_place_of_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dome_radius", [20.0, math.inf])
-@pytest.mark.parametrize("count", [1, 2, 3, 5])
+@pytest.mark.parametrize("count", [1, 5])
 def test_a_list_of_contacts_becomes_the_press_that_makes_them(
     dome_radius: float, count: int
 ) -> None:
