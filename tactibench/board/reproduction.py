@@ -167,19 +167,28 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
 
 def _recording(record: Record, data: Path | None) -> Path:
     """Return the folder of the recording that trained."""
-    test = record.test_sensor
-    trained_on = "" if test is None else test.trained_on or ""
-    return _folder(record, trained_on.removeprefix("real recording "), data)
+    test, recording = record.test_sensor, record.sensor.recording
+    if test is not None and test.trained_on is not None:
+        return _folder(record, test.trained_on.removeprefix("real recording "), data)
+    return _folder(record, "" if recording is None else recording.label, data)
 
 
 def _folder(record: Record, label: str, data: Path | None) -> Path:
-    """Return the folder with a label in a folder of recordings, or that folder itself."""
+    """Return the one folder with a label: a folder of recordings, or one in it.
+
+    Raises:
+        UserError: No folder is given, or several folders inside it have the label.
+    """
     if data is None:
         raise UserError(
             f"{record.name} read a recording; name its folder, or one above it, with --data DIR."
         )
-    inside = (data, *data.glob("*/"), *data.glob("*/*/"))
-    return next((folder for folder in inside if folder_label(folder) == label), data)
+    inside = (data, *sorted(data.glob("*/")), *sorted(data.glob("*/*/")))
+    found = [f for f in inside if f"/{folder_label(f)}".endswith(f"/{label}")]
+    if len(found) > 1:
+        names = " or ".join(map(str, found))
+        raise UserError(f"{data} holds several recordings {label!r}; name one: --data {names}.")
+    return found[0] if found else data
 
 
 def _compare(record: Record, again: Record) -> Iterator[ReproducedMetric]:

@@ -18,8 +18,11 @@ from tactibench.board import (
     reproduction_rows,
     request_of_record,
 )
-from tactibench.records import StoredRun
+from tactibench.plugins import PluginHost
+from tactibench.records import StoredRun, parse_record
 from tactibench.run import NullReporter, TestOptions
+
+COMMITTED = Path(__file__).parents[2] / "leaderboards" / "submissions"
 
 
 @pytest.fixture
@@ -29,6 +32,12 @@ def submitted(
     """Keywords of a request -> the record of its run, committed."""
     monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(Path(mini("exp1")).parent))
     return lambda **more: add(run("exp1", **more), tmp_path / "board").path
+
+
+@pytest.fixture(scope="module")
+def plugins() -> PluginHost:
+    """The plugins that are installed."""
+    return PluginHost()
 
 
 def test_a_run_is_made_again_and_noted(submitted, host, tiny) -> None:
@@ -85,3 +94,27 @@ def test_the_request_of_a_record_is_that_of_its_run(run, host, tmp_path) -> None
     folder = tmp_path / "data" / "skin"
     folder.mkdir(parents=True)
     assert request_of_record(made, host, folder).data == folder
+
+
+def test_the_recording_is_found_by_its_name_above_it(run, host, tmp_path) -> None:
+    made = run("exp1").record
+    recording = {"label": "plates", "sha256": "0" * 64}
+    sensor = {**made.sensor.json_values(), "name": "recorded", "recording": recording}
+    made = parse_record({**made.json_values(), "sensor": sensor}, "a record")
+    for sensor in ("one", "other"):
+        (tmp_path / sensor / "plates").mkdir(parents=True)
+    for given in (tmp_path / "one", tmp_path / "one" / "plates"):
+        assert request_of_record(made, host, given).data == tmp_path / "one" / "plates"
+    with pytest.raises(UserError, match=r"several recordings 'plates'; name one: --data .*other"):
+        request_of_record(made, host, tmp_path)
+
+
+@pytest.mark.parametrize("protocol", [p.name for p in sorted(COMMITTED.iterdir())])
+def test_every_committed_record_can_be_made_again(protocol, plugins, tmp_path) -> None:
+    """Its plugins are here and have exactly the parameters that it holds."""
+    for path in (COMMITTED / protocol).glob("*.json"):
+        record = read_submission(path)
+        request = request_of_record(record, plugins, tmp_path)
+        for kind in ("model", "sensor", "encoder"):
+            part = getattr(record, kind)
+            assert part is None or request.parameters[kind].keys() == part.parameters.keys(), path
