@@ -48,7 +48,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_unet": (440, 3),
     "plugins/tactibench_vgnn": (351, 3),
     "tactibench": (811, 11),
-    "tactibench/board": (2015, 11),
+    "tactibench/board": (2020, 11),
     "tactibench/cli": (2176, 12),
     "tactibench/datasets": (3381, 17),
     "tactibench/frames": (1819, 11),
