@@ -1,9 +1,7 @@
 """Public names of tactibench.frames, and the modules that define them."""
 
-from .cache import FrameRecipe as FrameRecipe
-from .cache import open_frames as open_frames
+from .cache import GeneratedFrameSet as GeneratedFrameSet
 from .drawn_presses import DrawnFrames as DrawnFrames
-from .drawn_presses import GeneratedFrameSet as GeneratedFrameSet
 from .drawn_presses import ReferenceFrames as ReferenceFrames
 from .faults import FAULTS as FAULTS
 from .faults import label_pins as label_pins

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from tactibench.contacts import Frame, Pose, Scene, Signal
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
+from tactibench.frames.source import Advance, FrameSet
 from tactibench.plugins import Sensor, SensorContext
 from tactibench.protocols import CHUNK
 from tactibench.records import (
@@ -42,27 +43,23 @@ signals, and (N,) the number of the rest signal of each frame."""
 Chunk = dict[str, npt.NDArray[Any]]
 
 
-@dataclass(frozen=True)
-class FrameRecipe:
-    """All that determines a set of generated frames.
+@dataclass(frozen=True, kw_only=True)
+class GeneratedFrameSet(FrameSet):
+    """Frames that a sensor makes when they are opened, and that are cached.
 
     Attributes:
-        name: Name of the set.
         build: Opens the sensor with a seed.
         identity: Identity of sensor, parameters and code, as JSON values.
-        scenes: Scene of every press.
-        names: Name of every press.
         seed: Root seed and spawn key of the sensor's randomness.
+        cache: Folder of all caches.
         dome_radius: Radius of the sensor's surface, mm, inf where it is flat; None: the protocol's.
         secret: Whether the seed is known to few and must not be written down.
     """
 
-    name: str
     build: Callable[[SensorContext], Sensor]
     identity: dict[str, Any]
-    scenes: tuple[Scene, ...]
-    names: tuple[str, ...]
     seed: tuple[int, ...]
+    cache: Path
     dome_radius: float | None = None
     secret: bool = False
 
@@ -80,11 +77,60 @@ class FrameRecipe:
             }
         )
 
-    def entry(self, cache: Path) -> CacheEntry:
-        """Return the place of the frames in a cache."""
-        return CacheEntry(cache / "frames" / self.key[:24], self.key)
+    @property
+    def entry(self) -> CacheEntry:
+        """Return the place of the frames in the cache."""
+        return CacheEntry(self.cache / "frames" / self.key[:24], self.key)
 
-    def content_hash(self, files: Mapping[str, str]) -> str:
+    @property
+    def cached(self) -> bool:
+        """Return whether the frames are in the cache."""
+        return self.entry.cached
+
+    def remove(self) -> None:
+        """Remove the frames from the cache, so that they are made anew."""
+        self.entry.remove()
+
+    def open_sensor(self, chunk: int = 0) -> Sensor:
+        """Return the sensor with the randomness of one chunk."""
+        seed = np.random.SeedSequence(self.seed[0], spawn_key=(*self.seed[1:], chunk))
+        return self.build(SensorContext(seed))
+
+    def open(self, advance: Advance) -> Presses:
+        """Return the frames, generating what is missing.
+
+        Images are mapped from the disk, read-only.
+
+        Raises:
+            UserError: The sensor does not make one frame per scene, or the frames do not have the
+                shape and the type of the rest frame.
+        """
+        entry = self.entry
+        folder = entry.folder
+        with entry.locked():
+            manifest = entry.read() or _generate(self, entry, advance)
+            shutil.rmtree(beside(folder, ".parts"), ignore_errors=True)
+            signals = np.load(folder / "frames.npy", mmap_mode="r")
+            rests = np.load(folder / "rest.npy")[np.newaxis]
+            rest_of = np.zeros(len(signals), dtype=np.intp)
+            if f"{REST_ARRAYS[0]}.npy" in manifest["files"]:
+                rests, rest_of = (np.load(folder / f"{name}.npy") for name in REST_ARRAYS)
+            poses = np.load(folder / "poses.npy")
+        rests.setflags(write=False)
+        shared = list(rests)  # frames of one instance hold one and the same array
+        frames = [
+            # A generated frame's time is its number.
+            Frame(signal, float(i), Pose(*pose), shared[number])
+            for i, (signal, pose, number) in enumerate(
+                zip(signals, poses.tolist(), rest_of.tolist(), strict=True)
+            )
+        ]
+        content = self._content_hash(manifest["files"])
+        return Presses(
+            self.name, self.scenes, frames, self.names, content, folder, self.dome_radius
+        )
+
+    def _content_hash(self, files: Mapping[str, str]) -> str:
         """Return a hash of frames, scenes and surface, which does not depend on the code.
 
         Args:
@@ -94,11 +140,6 @@ class FrameRecipe:
         names = [f"{name}.npy" for name in (*ARRAYS, *REST_ARRAYS)]
         return combined([*(files[name] for name in names if name in files), scenes])
 
-    def open_sensor(self, chunk: int) -> Sensor:
-        """Return the sensor with the randomness of one chunk."""
-        seed = np.random.SeedSequence(self.seed[0], spawn_key=(*self.seed[1:], chunk))
-        return self.build(SensorContext(seed))
-
     @property
     def _surface(self) -> dict[str, Any]:
         """The surface; empty where it is the protocol's."""
@@ -106,48 +147,6 @@ class FrameRecipe:
             return {}
         # An infinite radius has no meaning in JSON.
         return {"surface": "flat" if math.isinf(self.dome_radius) else self.dome_radius}
-
-
-def open_frames(
-    recipe: FrameRecipe, cache: Path, advance: Callable[[int], None] = lambda _: None
-) -> Presses:
-    """Return the frames of a recipe, generating what is missing.
-
-    Images are mapped from the disk, read-only.
-
-    Args:
-        recipe: All that determines the frames.
-        cache: Folder of all cached frames.
-        advance: Called with the number of presses that were finished.
-
-    Raises:
-        UserError: The sensor does not make one frame per scene, or the frames do not have the shape
-            and the type of the rest frame.
-    """
-    entry = recipe.entry(cache)
-    folder = entry.folder
-    with entry.locked():
-        manifest = entry.read() or _generate(recipe, entry, advance)
-        shutil.rmtree(beside(folder, ".parts"), ignore_errors=True)
-        signals = np.load(folder / "frames.npy", mmap_mode="r")
-        rests = np.load(folder / "rest.npy")[np.newaxis]
-        rest_of = np.zeros(len(signals), dtype=np.intp)
-        if f"{REST_ARRAYS[0]}.npy" in manifest["files"]:
-            rests, rest_of = (np.load(folder / f"{name}.npy") for name in REST_ARRAYS)
-        poses = np.load(folder / "poses.npy")
-    rests.setflags(write=False)
-    shared = list(rests)  # frames of one instance hold one and the same array
-    frames = [
-        # A generated frame's time is its number.
-        Frame(signal, float(i), Pose(*pose), shared[number])
-        for i, (signal, pose, number) in enumerate(
-            zip(signals, poses.tolist(), rest_of.tolist(), strict=True)
-        )
-    ]
-    content = recipe.content_hash(manifest["files"])
-    return Presses(
-        recipe.name, recipe.scenes, frames, recipe.names, content, folder, recipe.dome_radius
-    )
 
 
 def _as_json(scene: Scene) -> tuple[Any, ...]:
@@ -162,23 +161,23 @@ def _as_json(scene: Scene) -> tuple[Any, ...]:
 
 
 def _generate(
-    recipe: FrameRecipe, entry: CacheEntry, advance: Callable[[int], None]
+    frame_set: GeneratedFrameSet, entry: CacheEntry, advance: Callable[[int], None]
 ) -> dict[str, Any]:
-    """Make the frames of a recipe, store them, and return their manifest."""
+    """Make the frames of a set, store them, and return their manifest."""
     chunks: list[Chunk] = []
-    for number, start in enumerate(range(0, len(recipe.scenes), CHUNK)):
-        scenes = recipe.scenes[start : start + CHUNK]
+    for number, start in enumerate(range(0, len(frame_set.scenes), CHUNK)):
+        scenes = frame_set.scenes[start : start + CHUNK]
         path = beside(entry.folder, ".parts") / f"chunk-{number:05d}.npz"
         chunk = read_checked_arrays(path)
         if chunk is None:
-            chunk = _press(recipe, number, scenes)
+            chunk = _press(frame_set, number, scenes)
             write_checked_arrays(path, chunk, compress=False)
         chunks.append(chunk)
         advance(len(scenes))
-    with recipe.open_sensor(0) as sensor:
+    with frame_set.open_sensor(0) as sensor:
         rest = sensor.rest().signal
     arrays = {
-        "frames": _join_signals([chunk["images"] for chunk in chunks], recipe, rest),
+        "frames": _join_signals([chunk["images"] for chunk in chunks], frame_set, rest),
         "rest": rest,
         "poses": np.concatenate([chunk["poses"] for chunk in chunks] or [np.empty((0, 5))]),
         **_join_rests(chunks, rest),
@@ -188,25 +187,25 @@ def _generate(
         for name, array in arrays.items():
             np.save(folder / f"{name}.npy", array, allow_pickle=False)
         return {
-            "name": recipe.name,
-            "presses": len(recipe.scenes),
-            "sensor": recipe.identity,
-            "seed": "hidden" if recipe.secret else list(recipe.seed),
+            "name": frame_set.name,
+            "presses": len(frame_set.scenes),
+            "sensor": frame_set.identity,
+            "seed": "hidden" if frame_set.secret else list(frame_set.seed),
         }
 
     return entry.write(fill)
 
 
-def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk:
-    with recipe.open_sensor(number) as sensor:
+def _press(frame_set: GeneratedFrameSet, number: int, scenes: tuple[Scene, ...]) -> Chunk:
+    with frame_set.open_sensor(number) as sensor:
         frames = list(sensor.press_many(scenes))
     if len(frames) != len(scenes):
-        raise _wrong(recipe, f"{len(frames)} frames of {len(scenes)} scenes")
+        raise _wrong(frame_set, f"{len(frames)} frames of {len(scenes)} scenes")
     for frame in frames:
         if frame.rest is not None and frame.rest.shape != frame.signal.shape:
             shapes = f"{frame.signal.shape} with a rest frame of shape {frame.rest.shape}"
-            raise _wrong(recipe, f"a frame of shape {shapes}")
-    columns = 8 if any(scene.pose.moved for scene in recipe.scenes) else 5
+            raise _wrong(frame_set, f"a frame of shape {shapes}")
+    columns = 8 if any(scene.pose.moved for scene in frame_set.scenes) else 5
     return {
         "images": np.stack([frame.signal for frame in frames]),
         "poses": np.array([astuple(frame.pose)[:columns] for frame in frames], dtype=np.float64),
@@ -214,8 +213,8 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
     }
 
 
-def _wrong(recipe: FrameRecipe, made: str) -> UserError:
-    return UserError(f"sensor {recipe.identity.get('name')!r} made {made}; fix the sensor.")
+def _wrong(frame_set: GeneratedFrameSet, made: str) -> UserError:
+    return UserError(f"sensor {frame_set.identity.get('name')!r} made {made}; fix the sensor.")
 
 
 def _rests_of(frames: Sequence[Frame]) -> Chunk:
@@ -248,12 +247,14 @@ def _join_rests(chunks: Sequence[Chunk], rest: Signal) -> Chunk:
 
 
 def _join_signals(
-    chunks: Sequence[npt.NDArray[Any]], recipe: FrameRecipe, rest: Signal
+    chunks: Sequence[npt.NDArray[Any]], frame_set: GeneratedFrameSet, rest: Signal
 ) -> npt.NDArray[Any]:
     if rest.dtype not in (np.uint8, np.float32):
-        raise _wrong(recipe, f"a rest frame of type {rest.dtype}, neither uint8 nor float32")
+        raise _wrong(frame_set, f"a rest frame of type {rest.dtype}, neither uint8 nor float32")
     for signals in chunks:
         if signals.shape[1:] != rest.shape or signals.dtype != rest.dtype:
             given = f"frames of shape {signals.shape[1:]} and type {signals.dtype}"
-            raise _wrong(recipe, f"{given}, but its rest frame has {rest.shape} and {rest.dtype}")
+            raise _wrong(
+                frame_set, f"{given}, but its rest frame has {rest.shape} and {rest.dtype}"
+            )
     return np.concatenate([np.empty((0, *rest.shape), rest.dtype), *chunks])

@@ -12,12 +12,10 @@ import numpy as np
 
 from tactibench.contacts import Scene
 from tactibench.errors import UserError
-from tactibench.frames.cache import FrameRecipe, open_frames
-from tactibench.frames.presses import Presses
+from tactibench.frames.cache import GeneratedFrameSet
 from tactibench.frames.source import (
     QUICK_FIT,
     QUICK_VALIDATION,
-    Advance,
     FramePlan,
     FrameRequest,
     FrameSet,
@@ -57,36 +55,6 @@ REFERENCE_PART = 4
 ``protocols.split``."""
 FEW_SHOT = "shots"
 """Name of the labelled presses of the tested sensor."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GeneratedFrameSet(FrameSet):
-    """Frames that are made by a recipe when they are opened, and cached."""
-
-    recipe: FrameRecipe
-    cache: Path
-
-    @property
-    def key(self) -> str:
-        """Return the identity of the recipe."""
-        return self.recipe.key
-
-    @property
-    def cached(self) -> bool:
-        """Return whether the frames are in the cache."""
-        return self.recipe.entry(self.cache).cached
-
-    def remove(self) -> None:
-        """Remove the frames from the cache, so that they are made anew."""
-        self.recipe.entry(self.cache).remove()
-
-    def open(self, advance: Advance) -> Presses:
-        """Return the frames, made where they are not in the cache."""
-        return open_frames(self.recipe, self.cache, advance)
-
-    def open_sensor(self) -> Sensor:
-        """Return the sensor that makes the frames, to be asked and not to be pressed."""
-        return self.recipe.open_sensor(0)
 
 
 @dataclass(frozen=True)
@@ -158,28 +126,22 @@ class SensorFrames:
             apart: Whether the frames are scored apart from the other test frames.
         """
         radius = self.pressed.workspace.dome_radius_mm
-        recipe = FrameRecipe(
-            name,
-            self.component.build,
-            self.identity,
-            tuple(scenes),
-            tuple(names),
-            (self.protocol.data_seed, stream or self.protocol.draw(name).stream, part),
-            None if radius == self.protocol.workspace.dome_radius_mm else radius,
-            self.secret,
-        )
         if groups is None:
             groups = [group_of(self.protocol, name, scene) for scene in scenes]
         return GeneratedFrameSet(
             role=role,
             name=name,
-            scenes=recipe.scenes,
+            scenes=tuple(scenes),
             groups=tuple(groups),
-            names=recipe.names,
+            names=tuple(names),
             presses=tuple(presses),
             apart=apart,
-            recipe=recipe,
+            build=self.component.build,
+            identity=self.identity,
+            seed=(self.protocol.data_seed, stream or self.protocol.draw(name).stream, part),
             cache=self.cache,
+            dome_radius=None if radius == self.protocol.workspace.dome_radius_mm else radius,
+            secret=self.secret,
         )
 
 

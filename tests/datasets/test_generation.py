@@ -26,7 +26,7 @@ from tactibench.datasets import (
     sensor_source,
     verify,
 )
-from tactibench.frames import FrameRecipe, open_frames
+from tactibench.frames import GeneratedFrameSet
 from tactibench.frames import cache as generated
 from tactibench.plugins import SensorSpec
 from tactibench.protocols import Protocol, load_protocol
@@ -103,15 +103,18 @@ def test_frames_are_those_of_the_cache(
     dataset = open_dataset(tmp_path / "set")
     assert sum(told) == len(dataset.samples) == 21
     for series in small.series:
-        request = FrameRecipe(
-            "x",
-            Noise,
-            {},
-            tuple(p.scene for p in series.presses),
-            tuple(p.name for p in series.presses),
-            series.seed,
+        request = GeneratedFrameSet(
+            role="fit",
+            name="x",
+            scenes=tuple(p.scene for p in series.presses),
+            groups=(),
+            names=tuple(p.name for p in series.presses),
+            build=Noise,
+            identity={},
+            seed=series.seed,
+            cache=tmp_path / "cache",
         )
-        frames = open_frames(request, tmp_path / "cache").frames
+        frames = request.open(lambda _: None).frames
         for press, frame in zip(series.presses, frames, strict=True):
             sample = dataset.samples[press.id]
             assert (sample.press, sample.extra) == (press.name, {"draw": "draw"})

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy.typing as npt
 import pytest
 
 from tactibench import Frame, Grid, Indenter, Pose, Scene, Sensor, SensorContext
-from tactibench.frames import FrameRecipe
+from tactibench.frames import GeneratedFrameSet
 from tactibench.frames import cache as generated
 
 SHAPE = (6, 5)
@@ -83,17 +84,20 @@ def counter() -> Counter:
 
 
 @pytest.fixture
-def request_of(counter: Counter) -> Callable[..., FrameRecipe]:
-    def build(count: int = 25, *, offset: float = 0.0, **changes: Any) -> FrameRecipe:
+def request_of(counter: Counter) -> Callable[..., GeneratedFrameSet]:
+    def build(count: int = 25, *, offset: float = 0.0, **changes: Any) -> GeneratedFrameSet:
         keys: dict[str, Any] = {
+            "role": "fit",
             "name": "some",
+            "groups": ("all",) * count,
+            "cache": Path("cache"),
             "build": lambda context: NoiseSensor(context, counter, offset),
             "identity": {"name": "noise", "offset": offset},
             "scenes": scenes(count),
             "names": tuple(f"some-{3 * i}" for i in range(count)),
             "seed": (5, 1, 0),
         }
-        return FrameRecipe(**{**keys, **changes})
+        return GeneratedFrameSet(**{**keys, **changes})
 
     return build
 

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from generated import entry_of, open_frames
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
-from tactibench.frames import FrameRecipe, open_frames
+from tactibench.frames import GeneratedFrameSet
 from tactibench.frames import cache as generated
 from tactibench.geometry import true_contacts
 
-RequestOf = Callable[..., FrameRecipe]
+RequestOf = Callable[..., GeneratedFrameSet]
 
 
 def files(cache: Path) -> list[str]:
@@ -25,7 +26,7 @@ def files(cache: Path) -> list[str]:
     return sorted(name for name in found if not name.endswith(".lock"))
 
 
-def images(request: FrameRecipe, cache: Path) -> np.ndarray:
+def images(request: GeneratedFrameSet, cache: Path) -> np.ndarray:
     return np.array([frame.image for frame in open_frames(request, cache).frames])
 
 
@@ -34,10 +35,10 @@ def test_frames_come_once_and_again_from_the_disk(
 ) -> None:
     request = request_of()
     told: list[int] = []
-    assert not request.entry(tmp_path).cached
+    assert not entry_of(request, tmp_path).cached
     first = open_frames(request, tmp_path, told.append)
     assert sum(told) == counter.presses == 25
-    assert request.entry(tmp_path).cached
+    assert entry_of(request, tmp_path).cached
     again = open_frames(request_of(), tmp_path)
     assert counter.presses == 25
     assert first.hash == again.hash
@@ -46,7 +47,7 @@ def test_frames_come_once_and_again_from_the_disk(
         np.testing.assert_array_equal(one.image, two.image)
         assert one.rest is not None
         assert one.rest.shape == one.image.shape
-    folder = request.entry(tmp_path).folder.name
+    folder = entry_of(request, tmp_path).folder.name
     parts = ("frames.npy", "manifest.json", "poses.npy", "rest.npy")
     assert files(tmp_path) == [f"{folder}/{part}" for part in parts]
 
@@ -69,7 +70,7 @@ def test_an_interrupted_generation_goes_on_and_ends_the_same(
     counter.presses, counter.fail_at, counter.error = 0, fail_at, KeyboardInterrupt
     with pytest.raises(KeyboardInterrupt):
         open_frames(request_of(), tmp_path / "b")
-    assert not request_of().entry(tmp_path / "b").cached
+    assert not entry_of(request_of(), tmp_path / "b").cached
     counter.fail_at, counter.presses = None, 0
     resumed = open_frames(request_of(), tmp_path / "b")
     assert counter.presses == 25 - fail_at // 7 * 7  # finished chunks are not made again
@@ -87,7 +88,7 @@ def test_a_damaged_data_set_is_made_again(
     request_of: RequestOf, counter: Any, tmp_path: Path
 ) -> None:
     first = open_frames(request_of(), tmp_path)
-    flip(request_of().entry(tmp_path).folder / "frames.npy")
+    flip(entry_of(request_of(), tmp_path).folder / "frames.npy")
     assert open_frames(request_of(), tmp_path).hash == first.hash
     assert counter.presses == 50
 
@@ -173,7 +174,7 @@ def test_a_sensor_that_answers_wrongly_is_named(
 
     with pytest.raises(UserError, match="sensor 'noise' made"):
         open_frames(request_of(build=build), tmp_path)
-    assert not request.entry(tmp_path).cached
+    assert not entry_of(request, tmp_path).cached
 
 
 def test_equal_frames_have_one_hash_whatever_code_made_them(
@@ -232,7 +233,7 @@ def test_frames_bring_the_rest_frame_of_their_own_instance(
             assert np.unique(frame.rest).tolist() == [(40, 60, 0)[k % 3]]
         shared = {id(frame.rest) for frame in presses.frames}
         assert len(shared) == 3  # one array an instance, not one a press
-    folder = request.entry(tmp_path).folder
+    folder = entry_of(request, tmp_path).folder
     assert np.load(folder / "rests.npy").shape == (3, *np.load(folder / "rest.npy").shape)
 
 
@@ -242,7 +243,7 @@ def test_a_changed_rest_frame_is_another_content_and_damage_is_made_again(
     one = request_of()
     request = replace(one, build=lambda context: TwoInstances(one.build(context)), seed=(7, 1, 0))
     made = open_frames(request, tmp_path)
-    folder = request.entry(tmp_path).folder
+    folder = entry_of(request, tmp_path).folder
     plain = open_frames(replace(one, seed=(7, 1, 0), identity={"name": "plain"}), tmp_path)
     assert all(
         np.array_equal(a.image, b.image) for a, b in zip(made.frames, plain.frames, strict=True)

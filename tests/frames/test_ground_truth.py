@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from generated import open_frames
 from stubs import StubSensor
 
 from tactibench import Grid, SensorContext
@@ -18,8 +19,7 @@ from tactibench.frames import (
     FALSELY_SEEN,
     PRESSES,
     SEEN,
-    FrameRecipe,
-    open_frames,
+    GeneratedFrameSet,
     sampled_limits,
     spacing_limit,
     true_bounds,
@@ -28,7 +28,7 @@ from tactibench.frames import (
 from tactibench.geometry import tip_positions
 
 GRID = Grid.centred(8, 0.4)
-RequestOf = Callable[..., FrameRecipe]
+RequestOf = Callable[..., GeneratedFrameSet]
 
 
 @pytest.fixture

@@ -56,7 +56,7 @@ def test_single_presses_of_the_tested_sensor_that_test_nothing(
         assert max(abs(scene.pose.x), abs(scene.pose.y)) <= space.half_width_mm
     others = {scene for frames in plan.frames for scene in frames.scenes}
     assert not others & set(shots.scenes)
-    assert shots.recipe.identity["parameters"] == {"offset": 9.0}  # type: ignore[attr-defined]
+    assert shots.identity["parameters"] == {"offset": 9.0}  # type: ignore[attr-defined]
 
 
 @pytest.mark.long
