@@ -76,8 +76,7 @@ class SensorFrames:
     @cached_property
     def sensor(self) -> Sensor:
         """Return the sensor, to be asked and not to be pressed."""
-        sensor: Sensor = self.component.build(SensorContext(np.random.SeedSequence(0)))
-        return sensor
+        return self.open(np.random.SeedSequence(0))
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -88,6 +87,11 @@ class SensorFrames:
     def pressed(self) -> Protocol:
         """Return the protocol on the sensor's own surface."""
         return pressable(self.protocol, self.sensor)
+
+    def open(self, seed: np.random.SeedSequence) -> Sensor:
+        """Return a sensor with this seed."""
+        sensor: Sensor = self.component.build(SensorContext(seed))
+        return sensor
 
     def with_values(self, **values: Value) -> SensorFrames:
         """Return the frames of a sensor with other parameters, pressed as this one."""
