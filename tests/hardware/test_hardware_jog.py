@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_station import EXAMPLE, STAGE, FakeRobot, make_settings, stand_in
+from fake_station import EXAMPLE, STAGE, FakeRobot, Looking, make_settings, stand_in
 
 from tactibench import UserError
 from tactibench.cli.main import call
@@ -51,19 +51,6 @@ def test_the_whole_way_is_checked(
     assert "othing was moved" in str(caught.value)
 
 
-class Pushed(FakeRobot):
-    """The arm feels more, the longer it moves."""
-
-    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
-        self.moves.append(pose)
-        self.busy, self.force = True, (0.0, 0.0, 0.0)
-
-    def moving(self) -> bool:
-        x, y, z = self.force or (0.0, 0.0, 0.0)
-        self.force = (x, y, z + 4.0)
-        return self.busy
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "homes"),
     [
@@ -97,9 +84,9 @@ def test_force_stops_it(
 ) -> None:
     config = tmp_path / "lab.toml"
     config.write_text(EXAMPLE)
-    robot = Pushed(make_settings())
-    robot.at = pose_of(robot.work @ matrix(at(0, 0, -5)))
-    robot.force = (0.0, 0.0, 0.0)
+    robot = Looking(make_settings())
+    robot.at = pose_of(robot.work @ matrix(at(0, 0, -1)))
+    robot.stiffness = 20.0
     stand_in(lambda _: robot, monkeypatch)
     arguments: list[Any] = ["hw", "jog", "--config", str(config), "--by", "0", "0", "3", "--yes"]
     assert call(arguments) == 2

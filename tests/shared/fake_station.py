@@ -97,6 +97,21 @@ class FakeRobot:
         return pose_of(inverse(self.work) @ matrix(self.at))
 
 
+class Looking(FakeRobot):
+    """The control loop turns a few times in every move."""
+
+    ticks = 0
+
+    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
+        self.busy, self.ticks = True, 3
+        super().start(pose, speed, acceleration)
+
+    def moving(self) -> bool:
+        self.ticks -= 1
+        self.busy = self.busy and self.ticks > 0
+        return self.busy
+
+
 class FakeCapture:
     """Frames of a sensor under the robot's tool; what a ``cv2.VideoCapture`` offers."""
 
