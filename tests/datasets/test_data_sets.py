@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -246,12 +245,9 @@ def test_channels_unlike_the_others_are_refused(skin: Path, signal: Any, says: s
 @pytest.mark.parametrize(
     ("keys", "says"),
     [
-        ({"image": (0, 7)}, "key 'image.1' is 0"),
-        ({"channels": 2}, "key 'channels' is 2"),
         ({"dome_radius_mm": -1.0}, "'dome_radius_mm' is -1.0"),
         ({"sensor": {"gain": float("nan")}}, "cannot be written"),
         ({"image": None}, "exactly one of 'image' and 'signal'"),
-        ({"signal": (3,)}, "exactly one of 'image' and 'signal'"),
     ],
 )
 def test_a_header_that_could_not_be_read_again_is_refused(
@@ -267,7 +263,6 @@ def test_a_header_that_could_not_be_read_again_is_refused(
     [
         ('"schema_version": 1', '"schema_version": 0', "e6a49ac9 reads data sets of an older form"),
         ('"image"', '"picture"', "unknown key 'picture'"),
-        ('"channels": 1', '"channels": "1"', "key 'channels' is '1'"),
         ('"status": "closed"', '"status": "done"', "key 'status' is 'done'"),
         ('"dome_radius_mm": 20.0', '"dome_radius_mm": 0.0', "'dome_radius_mm' is 0.0"),
         ("{", "[", "not valid JSON"),
@@ -343,18 +338,6 @@ def test_a_row_that_no_line_acknowledges_is_cut_off(skin: Path, kept: int) -> No
     assert verify(skin) == []
 
 
-def test_torn_lines_take_row_and_event_along(skin: Path) -> None:
-    for name in ("metadata.jsonl", "events.jsonl"):
-        (skin / name).write_bytes((skin / name).read_bytes()[:-7])
-    dataset = open_dataset(skin)
-    assert ([sample.id for sample in dataset.samples], dataset.events) == ([0], ())
-    with Writer(skin, skin_header()) as writer:
-        assert (skin / "channels.f32").stat().st_size == 60
-        assert (skin / "events.jsonl").stat().st_size == 0
-        writer.add(skin_draft(1))
-    assert verify(skin) == []
-
-
 def test_what_an_interrupted_writer_left_is_removed_and_nothing_else(open_set: Path) -> None:
     (open_set / "images/000000/photo.png").write_bytes(b"mine")
     before = files(open_set)
@@ -409,10 +392,8 @@ def test_the_order_of_writing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     [
         (b'{"file_name"', b'"file_name"', "line {}: "),
         (b'"depth_mm": 1.5', b'"depth_mm": NaN', "line {}: "),
-        (b'"depth_mm": 1.5', b'"depth_mm": "1.5"', "line {}: key 'depth_mm' is '1.5'"),
         (b'"depth_mm": 1.5', b'"depht_mm": 1.5', "line {}: unknown key 'depht_mm'"),
         (b'"depth_mm": 1.5, ', b"", "line {}: the key 'depth_mm' is missing"),
-        (b'"status": "ok"', b'"status": "fine"', "line {}: key 'status' is 'fine'"),
         (b"images/000000/00", b"images/../../00", "line {}: file_name is 'images/../../00"),
         (b'"indenter": "dual", ', b"", "line {}: a pose needs the key 'indenter'"),
         (b'"indenter_radius_mm": 3.0', b'"indenter_radius_mm": -3.0', "line {}: an indenter's"),
@@ -464,12 +445,10 @@ def test_a_changed_journal_of_a_closed_data_set_is_refused(closed_set: Path) -> 
         (lambda f: flip(f / "images/000000/000001.png"), "000001.png"),
         (lambda f: (f / "images/000000/000001.png").unlink(), "000001.png cannot be read"),
         (lambda f: flip(f / "images/reference/rest.png"), "rest.png"),
-        (lambda f: (f / "images/reference/rest.png").unlink(), "rest.png cannot be read"),
         (lambda f: (f / "events.jsonl").write_text("?\n{}\n"), "events.jsonl line 1"),
         (lambda f: (f / "metadata.jsonl").unlink(), "metadata.jsonl"),
         (lambda f: (f / "plan.jsonl").write_text('{"id": 0}\n'), "not the plan"),
         (lambda f: (f / "splits").mkdir() or (f / "splits/a.json").write_text("{}"), "a.json"),
-        (lambda f: shutil.rmtree(f / "images"), "cannot be read"),
     ],
 )
 def test_damage_is_found(closed_set: Path, damage: Callable[[Path], None], says: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -146,20 +145,6 @@ def test_interruptions_change_nothing(
     assert is_complete(tmp_path / "set", source, small)
     one, whole = (files(tmp_path / name, without=CLOCKED) for name in ("set", "whole"))
     assert one == whole
-
-
-def test_another_sensor_does_not_go_on(
-    tmp_path: Path, source: SensorSource, small: PressPlan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Noise, "fail_at", 5)
-    with pytest.raises(KeyboardInterrupt):
-        generate(tmp_path / "set", source, small, lambda _: None)
-    for other, says in (
-        (SensorSource(Noise, {"name": "noise", "gain": 2}, 20.0, {"seed": 5}), "sensor.gain null"),
-        (replace(source, request={"seed": 6}), "source.seed 5, now it is 6"),
-    ):
-        with pytest.raises(UserError, match=f"was begun with {says}"):
-            generate(tmp_path / "set", other, small, lambda _: None)
 
 
 def shrunk(name: str) -> Protocol:

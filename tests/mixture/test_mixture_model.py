@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from drawn_pins import REST, draw, presses, pushed
 
-from tactibench import Grid, UserError
+from tactibench import Contacts, Frame, Grid, Pose, UserError
 from tactibench.markers import PinTracker
 from tactibench.training import flip_maps, torch_seed
 from tactibench_mixture import DisplacementField, MixtureNetwork
@@ -20,11 +21,12 @@ def flat(answers):
 
 
 @pytest.mark.long
-def test_it_learns_where_and_how_deep_and_says_how_sure_it_is(trained, make_presses):
-    history = trained.report.history
+def test_it_learns_where_and_how_deep_and_says_how_sure_it_is(make_mixture, fit):
+    model = make_mixture(epochs=30)
+    history = fit(model, *presses(192, 1)).history
     assert history[-1]["loss"] < history[0]["loss"] - 3
-    frames, truth = make_presses(50, 8)
-    found = trained.predict(frames)
+    frames, truth = presses(50, 8)
+    found = model.predict(frames)
     right = [len(contacts) == 1 for contacts in found]
     assert sum(right) >= 20
     pairs = [(f, t) for f, t, one in zip(found, truth, right, strict=True) if one]
@@ -36,8 +38,11 @@ def test_it_learns_where_and_how_deep_and_says_how_sure_it_is(trained, make_pres
 
 
 def test_frames_with_several_contacts_are_learned_from_and_kept_for_the_std(make_mixture, fit):
-    report = fit(make_mixture(epochs=1), count=40, most=2)
-    assert report.notes["kept_for_std"] == 1
+    frames, truth = presses(20, 1)
+    image = draw(pushed(-4.0, 0.0, 3.0) + pushed(4.0, 0.0, 3.0) - REST)
+    frames += [Frame(image, 0.0, Pose(), draw(REST))] * 20
+    truth += [Contacts.truth([[-4.0, 0.0], [4.0, 0.0]], [3.0, 3.0])] * 20
+    assert fit(make_mixture(epochs=1), frames, truth).notes["kept_for_std"] == 1
 
 
 def test_an_encoder_of_another_kind_is_refused(make_mixture):
@@ -108,22 +113,19 @@ def seen_by(field, image):
     return field(field.pins.tracker.track(image[None]))
 
 
-def test_the_field_is_what_the_pins_do(draw):
-    _, picture, pins = draw
-    rest = pins()
-    field = field_of(picture(rest))
-    assert np.abs(seen_by(field, picture(rest))).max() < 0.02
-    moved = seen_by(field, picture(rest + np.array([0.8, -0.5])))
+def test_the_field_is_what_the_pins_do():
+    field = field_of(draw(REST))
+    assert np.abs(seen_by(field, draw(REST))).max() < 0.02
+    moved = seen_by(field, draw(REST + np.array([0.8, -0.5])))
     np.testing.assert_allclose(moved[0, 0], 0.8, atol=0.06)
     np.testing.assert_allclose(moved[0, 1], -0.5, atol=0.06)
     none = field.pins.tracker.track(np.empty((0, 64, 64), np.uint8))
     assert field(none).shape == (0, 2, 32, 32)
 
 
-def test_symmetry_is_seen_in_the_pins_at_rest(draw):
-    _, picture, pins = draw
-    assert field_of(picture(pins())).symmetry == (True, True)
-    assert field_of(picture(pins(shift=0.3))).symmetry == (False, True)
+def test_symmetry_is_seen_in_the_pins_at_rest():
+    assert field_of(draw(REST)).symmetry == (True, True)
+    assert field_of(draw(REST + np.array([0.3, 0.0]))).symmetry == (False, True)
 
 
 def test_an_image_without_pins_is_refused():

@@ -11,10 +11,8 @@ from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import (
     Draft,
     Header,
-    ImportOptions,
     Split,
     Writer,
-    import_folder,
     open_dataset,
     write_split,
 )
@@ -74,17 +72,6 @@ def test_a_split_that_is_not_there(data_set, recording, open_recording):
         open_recording(data_set(SINGLE), split="mine")
     with pytest.raises(UserError, match=r"has no splits/mine\.json"):
         open_recording(recording, split="mine")
-
-
-def test_an_imported_recording_answers_as_it_did(recording, tmp_path, open_recording):
-    import_folder(recording, tmp_path / "labels")
-    before, after = open_recording(recording), open_recording(tmp_path / "labels")
-    assert after.scenes() == before.scenes()
-    for scene in before.scenes().values():
-        np.testing.assert_array_equal(after.press(scene).image, before.press(scene).image)
-    options = ImportOptions(indenter="plate", offset_mm=5.0)
-    import_folder(recording, tmp_path / "pressed", options)
-    assert open_recording(tmp_path / "pressed").scenes() == before.scenes()
 
 
 def test_the_pivot_lifts_tilted_presses(recording, open_recording):

@@ -207,15 +207,3 @@ def test_turned_and_mirrored_pairs_have_turned_and_mirrored_remainders(learned) 
     turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(learned.shift(pairs @ turn.T), shift @ turn.T, atol=1e-9)
     np.testing.assert_allclose(learned.shift(pairs[:, ::-1]), shift[:, ::-1], atol=1e-9)
-
-
-@pytest.mark.long
-def test_pairs_unlike_all_that_were_learned_from_have_none(learned) -> None:
-    level, uneven = some_pairs(400, 5), some_pairs(200, 6)
-    level[:, 1, 2] = level[:, 0, 2]
-    uneven[:, 0, 2], uneven[:, 1, 2] = 1.0, 5.5
-    noise = 0.002 * np.random.default_rng(1).normal(size=level.shape)
-    of_level = Residual.learn(level, left_of(level) + noise)
-    assert np.abs(of_level.shift(level) - left_of(level)).mean() < 0.004
-    usual = np.sqrt(np.square(left_of(level)).mean())
-    assert np.sqrt(np.square(of_level.shift(uneven)).mean()) < 0.5 * usual

@@ -97,15 +97,6 @@ def test_a_pin_drawn_elsewhere_has_its_centre_there(picture, pins, shift):
         np.testing.assert_allclose((found - inner).mean(axis=0), 0, atol=0.02)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 3.0])
-def test_even_noise_is_measured(pins, sigma):
-    images, places, _ = frames(pins, 40, np.random.default_rng(4), (sigma**2, 0.0))
-    noise = PinPicture.learn(images, places).noise
-    found = np.sqrt(noise[0] + noise[1] * GROUND)
-    assert found == pytest.approx(np.hypot(sigma, np.sqrt(1 / 12)), abs=0.6)
-    assert (noise >= 0).all()
-
-
 @pytest.mark.parametrize("lost", [0, 30])
 def test_around_a_pin_that_is_not_seen_all_are_doubtful(singles, pins, draw_pins, lost):
     """The lost one and its ring of neighbours at least; those far off are not."""

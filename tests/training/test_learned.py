@@ -169,16 +169,6 @@ def test_mixing_adds_its_share_of_frames_before_anything_is_learned(make, mixed)
     assert model.prepared_on == model.started_on == 40 + 20
 
 
-def test_mixing_comes_from_the_rng_and_leaves_the_other_seeds_alone(make, mixed):
-    first, second, third = make(mixing=0.5), make(mixing=0.5), make()
-    fit(first)
-    fit(second)
-    fit(third)
-    assert state_hash(first.network) == state_hash(second.network)
-    assert state_hash(first.network) != state_hash(third.network)
-    assert len(mixed) == 2
-
-
 def test_operations_are_counted_by_hand(make):
     """Convolution: 36 cells x 4 kernels x 9 products; dense: 4; each product has a sum."""
     assert make().flops(presses(1)[0][0]) == 2 * (36 * 4 * 9 + 4)

@@ -23,8 +23,7 @@ from tactibench.training import (
 )
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "adamw"])
-@pytest.mark.parametrize("schedule", ["constant", "one-cycle"])
+@pytest.mark.parametrize(("optimiser", "schedule"), [("adam", "constant"), ("adamw", "one-cycle")])
 def test_learning_reduces_the_loss(run, recipe, optimiser, schedule):
     recipe = replace(recipe, epochs=15, optimiser=optimiser, schedule=schedule)
     _, report = run(recipe=recipe)

@@ -67,14 +67,6 @@ def test_the_header_says_where_the_frames_came_from(first, third, tmp_path):
     assert sorted(other) == ["collect_params.json", "sensor_image_params.json"]
 
 
-def test_frames_of_one_press_share_it(first, tmp_path):
-    text = (first / "targets.csv").read_text().splitlines()
-    text = [text[0] + ",tap", *(f"{line},{i // 2}" for i, line in enumerate(text[1:]))]
-    (first / "targets.csv").write_text("\n".join(text))
-    dataset = import_folder(first, tmp_path / "out", ImportOptions(press="tap"))
-    assert [sample.press for sample in dataset.samples] == ["0", "0", "1", "1", "2"]
-
-
 def test_rows_without_a_file_are_left_out_when_asked(third, tmp_path):
     (third / "sensor_images" / "image_2.png").unlink()
     dataset = import_folder(third, tmp_path / "out", ImportOptions(missing="skip"))

@@ -188,7 +188,9 @@ def test_simulated_plates(simulated, pivot):
     assert abs(fit.pivot_mm - pivot) < 2 * fit.pivot_std < 5
 
 
-@pytest.mark.parametrize(("name", "pivot"), [("331", 20.0), ("127", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "pivot"), [pytest.param("331", 20.0, marks=pytest.mark.long), ("127", 0.0)]
+)
 def test_public_recordings(name, pivot, monkeypatch):
     monkeypatch.setattr(pivot_module, "MOST", 150)
     recording = open_recording(tac_vgnn_folder(name))
