@@ -64,17 +64,6 @@ def named(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def test_the_reader_of_imports_sees_what_it_should(tmp_path: Path) -> None:
-    file = tmp_path / "example.py"
-    file.write_text(
-        "import a.b, c\nfrom d import e, f\nif TYPE_CHECKING:\n    import g\nelse:\n    import h\n"
-        "def x():\n    import i\nclass Y:\n    import j\ntry:\n    import k\nfinally:\n    pass\n"
-    )
-    assert {m for m, _ in imports(file)} == {"a.b", "c", "d", *"ghijk"}
-    assert {m for m, _ in imports(file, at_import_time=True)} == {"a.b", "c", "d", *"hjk"}
-    assert ("d", ("e", "f")) in set(imports(file))
-
-
 def test_plugins_import_public_names_only() -> None:
     offenders = []
     for path in sources(*PLUGINS):

@@ -52,21 +52,6 @@ def test_scatter_and_moves_that_were_not_made_are_found(module: ModuleType) -> N
         assert (value <= high).all()
 
 
-def test_moves_that_were_all_made_put_no_label_off(module: ModuleType) -> None:
-    rng = np.random.default_rng(2)
-    moved, labels, _ = recording(0.0, rng)
-    figures = module.scatter(moved, labels, rng).figures(np.ones(PRESSES))
-    assert (figures["share"] < 0.01).all()
-    assert (figures["move"] < [0.001, 0.05]).all()
-
-
 def test_the_slope_is_that_of_least_absolute_residuals(module: ModuleType) -> None:
     x = np.array([-2.0, -1.0, 1.0, 2.0, 3.0])
     assert module.median_slope(x, 0.5 * x + [0, 0, 0, 0, 9]) == 0.5
-
-
-def test_the_mean_of_a_folded_normal_is_that_of_draws(module: ModuleType) -> None:
-    drawn = np.random.default_rng(3).normal(0.3, np.sqrt(np.pi / 2) * 0.2, 200_000)
-    assert module.folded_mean(np.array(0.3), np.array(0.2)) == pytest.approx(
-        np.abs(drawn).mean(), rel=0.01
-    )

@@ -38,12 +38,6 @@ def test_answers_keep_their_hash_and_the_errors_are_those_of_presses(tmp_path, s
     assert found.error == pytest.approx(list(expected.values()))
 
 
-def test_two_additions_write_the_same_bytes(tmp_path, stored) -> None:
-    run = stored()
-    first = answers_file(add(run, tmp_path / "board").path).read_bytes()
-    assert answers_file(add(run, tmp_path / "board").path).read_bytes() == first
-
-
 def test_a_replaced_record_takes_its_answers_along(tmp_path, stored) -> None:
     add(stored(), tmp_path / "board")
     add(stored(name="exp1-newer"), tmp_path / "board")

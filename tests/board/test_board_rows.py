@@ -65,14 +65,6 @@ def test_one_seed_without_a_value_makes_it_n_a(fabricate):
     assert row.metric("no such metric", "all") is None
 
 
-def test_an_end_that_one_seed_does_not_know_is_open(fabricate):
-    records = [fabricate(seed=0), fabricate(seed=1)]
-    records[1].metrics[0].low = None
-    pooled = rows_of(records)[0].metric("gospa1_mm", "all")
-    assert pooled.low is None
-    assert pooled.high is not None
-
-
 def test_limits_stay_limits_and_opposite_ones_make_no_mean(fabricate):
     records = [fabricate(seed=k) for k in range(2)]
     records[0].metrics[0].censored = "<"

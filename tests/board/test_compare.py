@@ -8,7 +8,7 @@ from scipy import stats
 from stored_answers import answered_parts, store_run
 
 from tactibench import UserError
-from tactibench.board import compare_runs, comparison_rows, left_out, names_of
+from tactibench.board import compare_runs, comparison_rows, left_out
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.records import pack_contacts, pack_plates, unpack_contacts
 from tactibench.stats import holm
@@ -74,11 +74,6 @@ def test_holm_over_all_that_is_shown(stored) -> None:
     assert [row.p for one in again for row in one.rows] == p
 
 
-def test_a_run_against_a_copy_of_itself(stored) -> None:
-    (one,) = compare_runs([stored("a", [0.1, 0.2, 0.3]), stored("b", [0.1, 0.2, 0.3])])
-    assert {(row.difference.value, row.p, row.p_holm) for row in one.rows} == {(0.0, 1.0, 1.0)}
-
-
 def test_one_press_has_no_p_and_nothing_shared_no_value(stored) -> None:
     (one,) = compare_runs([stored("a", [0.1]), stored("b", [0.2])])
     row = cell(one, "mae_mm")
@@ -105,13 +100,6 @@ def test_tidy_rows_and_what_is_no_mean(stored) -> None:
         "rms_z",
         "std_over_bound",
     }
-
-
-def test_names_tell_runs_apart(stored) -> None:
-    runs = [stored("a", [0.1, 0.2]), stored("b", [0.1, 0.2])]
-    assert names_of(runs) == ["a (single)", "b (single)"]
-    seeds = [stored("a", [0.1, 0.2]), stored("a", [0.1, 0.3], seed=1)]
-    assert names_of(seeds)[1] == "a (single), seed 1"
 
 
 def test_runs_that_cannot_be_compared(stored, fabricate) -> None:

@@ -82,14 +82,6 @@ def test_a_sensor_that_refuses_everything_is_heard() -> None:
         map_limits(Formula(), far, lambda _: None)
 
 
-def test_nuisances_are_handed_on() -> None:
-    usual, unknown = (
-        map_limits(Formula(), asked(Indenter.single(), nuisances=names), lambda _: None).values
-        for names in ((), ("light",))
-    )
-    np.testing.assert_allclose(unknown, 2 * usual)
-
-
 def test_two_tips_have_the_worse_of_both_and_a_separation() -> None:
     x, y, depth, apart = limits_of(Formula(), Scene(Indenter.dual(4.0), Pose(x=1, depth=2)), ())
     assert (x, y, depth) == pytest.approx((4e-3, 2e-3, 3e-3))

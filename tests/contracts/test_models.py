@@ -89,19 +89,6 @@ def test_a_unet_learns_through_another_heat_encoder() -> None:
     assert not bad
 
 
-def test_what_is_compared_is_mostly_contacts() -> None:
-    """A network that finds nothing answers alike in every way."""
-    for name in NAMES:
-        found = [one for one in subject(name).answers if isinstance(one, Contacts) and len(one)]
-        assert len(found) >= 3, name
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_declared_defaults_build(name: str) -> None:
-    spec = HOST.models[name]
-    assert isinstance(subject(name).build(spec.settings({})), Model)
-
-
 def fit(model: Model, name: str, seed: int = 3, progress: Any = None) -> Any:
     few = subject(name).examples[:24]
     return model.fit(

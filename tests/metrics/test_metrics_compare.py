@@ -33,14 +33,6 @@ def test_shares_of_presses_with_few_and_many_frames_have_the_metric_as_their_mea
     assert np.isnan(press_shares("depth_mae_mm", none)).all()
 
 
-def test_a_press_without_a_value_has_no_mean(make_trials):
-    trials = make_trials(np.random.default_rng(5), ["dual"] * 80, miss=0.8)
-    means = press_means("position_mean_mm", trials)[:, 0]
-    matched = np.unique(trials.press[trials.matched.trial])
-    assert 0 < len(matched) < 40
-    assert np.unique(trials.press)[np.isfinite(means)].tolist() == matched.tolist()
-
-
 def test_plates_and_metrics_that_are_no_mean(singles):
     trials = PlateTrials(
         (PlatePose(1, 2),) * 3, (PlatePose(2, 2), None, PlatePose(4, 2)), [5, 5, 6]

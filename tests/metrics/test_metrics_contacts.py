@@ -44,13 +44,3 @@ def test_against_a_search_of_all_assignments(source, request):
         assert row.n == len(expected)
         assert row.value == pytest.approx(np.mean(expected))
         assert row.low < row.value < row.high
-
-
-def test_relative_depth_does_not_see_a_common_offset(make_trials):
-    trials = make_trials(np.random.default_rng(3), ["triple"] * 20, noise=0, miss=0, extra=0)
-    shifted = tuple(type(t)(t.xy, t.depth + 0.7, t.score) for t in trials.truth)
-    trials = type(trials)(trials.truth, shifted, trials.press, trials.group)
-    rows = score(["depth_mae_mm", "relative_depth_mae_mm"], trials, rng=np.random.default_rng(0))
-    found = {r.metric: r.value for r in rows if r.group == "all"}
-    assert found["depth_mae_mm"] == pytest.approx(0.7)
-    assert found["relative_depth_mae_mm"] == pytest.approx(0, abs=1e-12)

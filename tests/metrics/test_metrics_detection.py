@@ -31,15 +31,6 @@ def test_missed_and_spurious_balance_with_the_matches(kinds):
         assert found["spurious", group].n == len(frames)
 
 
-def test_one_missed_and_one_made_up_contact():
-    truth = (Contacts.truth([[0, 0], [6, 0]], [1, 1]),)
-    guess = (Contacts([[0, 0.5], [0, -5], [-6, 0]], [1, 1, 1], [0.9, 0.8, 0.7]),)
-    found = rows(["missed", "spurious"], Trials(truth, guess, [0], ("dual",)))
-    assert found["missed", "all"].value == 0.5
-    assert found["spurious", "all"].value == 2
-    assert found["missed", "all"].low is None
-
-
 def test_catch_trials_by_counting(two_point):
     found = rows(["catch_resolved", "d_prime"], two_point)
     counts = {"catch": [], "pair": []}

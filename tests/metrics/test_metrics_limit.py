@@ -40,8 +40,3 @@ def test_presses_that_were_not_asked_do_not_count() -> None:
     assert (row.value, row.n, row.clusters, row.unit, row.better) == (0.3, 5, 5, "mm", "none")
     (none,) = score(["limit_mm"], trials(None), rng=np.random.default_rng(0))
     assert (none.value, none.n) == (None, 0)
-
-
-def test_one_limit_a_trial() -> None:
-    with pytest.raises(ValueError, match="limit has 2 entries for 8 trials"):
-        trials(np.zeros(2))

@@ -55,14 +55,6 @@ def test_against_scikit_learn(singles):
     )
 
 
-def test_gaussian_errors_have_rmse_over_mae_of_root_half_pi():
-    found = values(["mae_mm", "rmse_mm"], gaussian(20_000, np.array([0.1, 0.2, 0.05])))
-    for axis, sigma in zip("xyz", (0.1, 0.2, 0.05), strict=True):
-        rmse, mae = found["rmse_mm", axis].value, found["mae_mm", axis].value
-        assert rmse / mae == pytest.approx(np.sqrt(np.pi / 2), rel=0.01)
-        assert rmse == pytest.approx(sigma, rel=0.02)
-
-
 def test_an_outlier_beyond_the_gate_still_counts():
     truth = (Contacts.truth([[0, 0]], [1]),) * 2
     guess = (Contacts([[9, 0]], [1], [0.5]), Contacts([[0, 0], [5, 5]], [1, 3], [0.9, 0.8]))

@@ -47,24 +47,6 @@ def test_the_gate_is_open_at_its_end(offset, count):
     assert len(rows) == count
 
 
-def test_no_gate_pairs_as_many_as_there_are():
-    rng = np.random.default_rng(0)
-    rows, _, _ = match(rng.uniform(-60, 60, (3, 2)), rng.uniform(-60, 60, (5, 2)), np.inf)
-    assert list(rows) == [0, 1, 2]
-
-
-def test_the_table_of_pairs_agrees_with_the_contacts(kinds):
-    pairs = kinds.matched
-    for i in range(len(pairs.trial)):
-        t, p = kinds.truth[pairs.trial[i]], kinds.predictions[pairs.trial[i]]
-        assert (t.xy[pairs.truth[i]] == pairs.true_xy[i]).all()
-        assert (p.xy[pairs.prediction[i]] == pairs.predicted_xy[i]).all()
-        assert t.depth[pairs.truth[i]] == pairs.true_depth[i]
-        assert p.depth[pairs.prediction[i]] == pairs.predicted_depth[i]
-        assert np.hypot(*(pairs.true_xy[i] - pairs.predicted_xy[i])) == pairs.distance[i]
-    assert pairs.per_trial(len(kinds)).sum() == len(pairs.trial)
-
-
 def test_no_trials_and_no_contacts_give_empty_tables():
     assert len(match_trials([], [], 3.0).trial) == 0
     empty = match_trials([Contacts.none()] * 2, [Contacts.none()] * 2, 3.0)

@@ -43,18 +43,6 @@ def test_excess_is_what_the_model_adds_to_the_floor():
     assert excess.low < excess.value < excess.high
 
 
-def test_maps_that_are_the_encoders_own_have_no_excess_and_no_scatter():
-    rng = np.random.default_rng(3)
-    trials = surface_trials(rng)
-    squares = ((trials.maps.astype(float) * 6 - trials.surface) ** 2).mean(axis=(1, 2))
-    same = surface_trials(np.random.default_rng(3), floor=squares)
-    rows = score(["surface_excess_mm"], same, rng=np.random.default_rng(0))
-    ends = [end for r in rows if r.low is not None for end in (r.value, r.low, r.high)]
-    assert ends == pytest.approx([0.0] * 6, abs=1e-12)
-    alone = score(["surface_excess_mm", "surface_floor_mm"], trials, rng=np.random.default_rng(0))
-    assert {r.value for r in alone} == {None}
-
-
 def test_the_interval_of_the_excess_is_that_of_a_bootstrap_over_presses():
     rng = np.random.default_rng(4)
     n = 400

@@ -42,13 +42,6 @@ def test_an_honest_model():
         assert found[name].n == 6000
 
 
-def test_boasting_shows_and_costs():
-    honestly, boasting = rows(honest(500)), rows(honest(500, claim=0.5))
-    assert boasting["rms_z"].value == pytest.approx(2 * honestly["rms_z"].value)
-    assert boasting["ellipse_90"].high < honestly["ellipse_90"].low
-    assert boasting["nll"].low > honestly["nll"].high
-
-
 def test_sharpness_is_the_stated_std_over_the_bound_of_the_same_contact():
     trials = honest(30, claim=3.0)
     # The better scored prediction is of the second tip.

@@ -16,7 +16,6 @@ from tactibench import (
     Parameter,
     SensorSpec,
     UserError,
-    training_parameters,
 )
 from tactibench.plugins import Origin
 from tactibench.records import BoundSpec
@@ -53,11 +52,6 @@ def test_values_that_are_not_allowed(parameter: Parameter, text: str, sentence: 
     with pytest.raises(UserError) as caught:
         parameter.parse(text)
     assert str(caught.value) == sentence
-
-
-@pytest.mark.parametrize(("text", "value"), [("true", True), ("FALSE", False), ("0", False)])
-def test_truth_values(text: str, value: bool) -> None:
-    assert NOISE.parse(text) is value
 
 
 def test_settings_fill_in_defaults_and_refuse_strangers() -> None:
@@ -123,16 +117,6 @@ def test_a_target_that_does_not_load_is_one_sentence(target: str, reason: str) -
         assert str(caught.value).startswith(f"'e' cannot be used, because {target} does not load (")
         assert reason in str(caught.value)
         assert caught.value.__cause__ is not None
-
-
-def test_what_a_training_can_be_told_is_the_same_for_all_models() -> None:
-    spec = ModelSpec("m", "a:B", "", (WIDTH, *training_parameters(mixing=True)))
-    defaults = {"width": 16, "epochs": 0, "precision": "recipe", "mixing": 0.0}
-    assert spec.settings({}) == defaults
-    assert spec.settings({"mixing": "10"})["mixing"] == 10.0
-    with pytest.raises(UserError, match="<= 10"):
-        spec.settings({"mixing": "10.5"})
-    assert training_parameters(mixing=False) == training_parameters(mixing=True)[:2]
 
 
 def test_a_recipe_has_defaults_of_its_own_that_a_user_may_change() -> None:

@@ -175,9 +175,3 @@ def test_the_axes_of_a_taxel_are_no_colours(host: Any, target: Any) -> None:
         subject_of("sensor", "good_sensor", host=host("sensor", skin)),
     )
     assert [finding.line() for finding in report.findings if finding.outcome != PASSED] == []
-
-
-def test_a_real_sensor_need_not_repeat_itself(host: Any, target: Any) -> None:
-    subject = subject_of("sensor", "good_sensor", host=host("sensor", None, origin="real"))
-    assert examine(PROPERTIES["determinism"], subject).outcome == SKIPPED
-    assert examine(PROPERTIES["press_many"], subject).outcome == SKIPPED
