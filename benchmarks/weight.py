@@ -55,7 +55,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/live": (430, 4),
     "tactibench/markers": (1743, 8),
     "tactibench/metrics": (1588, 10),
-    "tactibench/plugins": (627, 5),
+    "tactibench/plugins": (626, 5),
     "tactibench/protocols": (1070, 5),
     "tactibench/records": (827, 7),
     "tactibench/report": (3048, 15),

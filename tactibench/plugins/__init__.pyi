@@ -1,6 +1,5 @@
 """Public names of tactibench.plugins, and the modules that define them."""
 
-from .base import PRIORS as PRIORS
 from .base import Encoder as Encoder
 from .base import FitReport as FitReport
 from .base import Model as Model

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, ClassVar, Literal, Protocol, Self, get_args
+from typing import Any, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,6 @@ Prior = Literal["none", "plain addition", "nominal mechanics", "fitted to multi-
 """Knowledge that a model has, besides its frames, of contacts that press together: none; that their
 displacements add up; the mechanics of a nominal sensor; a law that was fitted to labelled presses
 with several contacts, those of its own training included."""
-PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 
 @dataclass(frozen=True)
