@@ -110,7 +110,7 @@ def test_list_works_beside_broken_plugins(tactibench: Any, broken: None) -> None
     assert "  hollow " in done.stdout
     assert "outsider" not in done.stdout, "two plugins offer it"
     assert "heavy module imported" not in done.stdout
-    assert done.stderr.strip().endswith("plugin problems: run `tactibench doctor`.")
+    assert done.stderr.strip().endswith("; run `tactibench doctor`.")
 
 
 def test_a_terminal_that_lacks_a_letter_is_no_reason_to_stop(

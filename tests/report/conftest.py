@@ -14,6 +14,7 @@ from command_line import cli, refused  # noqa: F401 - fixtures
 from report_material import HOSTILE, hostile_record, store_of
 from rich.console import Console
 
+from tactibench.metrics import find_metric
 from tactibench.protocols import PublishedTable, load_protocol, load_published
 from tactibench.records import Metric, Record
 from tactibench.report import ReportBoard, ReportData, gather, print_run
@@ -45,19 +46,12 @@ def report_data(made_store: Path) -> ReportData:
 @pytest.fixture(scope="session")
 def hostile(fabricate: Callable[..., dict[str, Any]]) -> ReportData:
     """Every text that a plugin or a paper supplies tries to be markup."""
-    records = []
-    for k, text in enumerate(HOSTILE):
-        for protocol in ("exp1", "exp2"):
-            more = {"metrics": _resolved(k)} if protocol == "exp2" else {}
-            records.append(
-                hostile_record(fabricate, text, protocol=protocol, error=0.1 + k, **more)
-            )
+    records = [
+        hostile_record(fabricate, text, protocol="exp2", error=0.1 + k, metrics=_resolved(k))
+        for k, text in enumerate(HOSTILE)
+    ]
     tables = tuple(_table(k, text) for k, text in enumerate(HOSTILE))
-    boards = []
-    for name in ("exp1", "exp2"):
-        own = tuple(r for r in records if r.protocol.id == name)
-        boards.append(ReportBoard(load_protocol(name), own, tables, {}))
-    return ReportData(tuple(boards), HOSTILE[0])
+    return ReportData((ReportBoard(load_protocol("exp2"), tuple(records), tables, {}),), HOSTILE[0])
 
 
 def _resolved(k: int) -> tuple[tuple[str, str, float], ...]:
@@ -70,40 +64,19 @@ def _resolved(k: int) -> tuple[tuple[str, str, float], ...]:
 
 def _table(k: int, text: str) -> PublishedTable:
     row = {
-        "model": text,
-        "source": text,
-        "unit": text,
-        "note": text,
+        **dict.fromkeys(("model", "source", "unit", "note"), text),
+        "protocol": "exp2",
         "decimals": 3,
         "comparable": "no",
         "n": 3,
+        "metrics": {"distance_mae_mm": {"all": 0.3 + k}},
     }
-    distance = {"distance_mae_mm": {"all": 0.3 + k}}
-    rows = [
-        {**row, "protocol": "exp1", "metrics": {"mae_mm": {"mean": 0.1}}},
-        {**row, "protocol": "exp2", "metrics": distance},
-    ]
+    texts = dict.fromkeys(("name", "title", "authors", "measured_on"), text)
     return PublishedTable.model_validate(
-        {
-            "schema_version": 1,
-            "name": text,
-            "title": text,
-            "authors": text,
-            "year": 2020,
-            "measured_on": text,
-            "notes": [text],
-            "rows": rows,
-        }
+        {"schema_version": 1, **texts, "year": 2020, "notes": [text], "rows": [row]}
     )
 
 
-SHARES = {"resolved", "missed", "catch_resolved", "coverage"}
-UNITS = {
-    **dict.fromkeys(SHARES, "share"),
-    **dict.fromkeys(("r2", "d_prime", "rmse_over_bound"), ""),
-    **dict.fromkeys(("orientation_mae_deg", "tilt_mae_deg"), "deg"),
-    "spurious": "per frame",
-}
 DISTANCES = [f"{6.5 + k / 2:.1f}" for k in range(12)]
 
 
@@ -117,9 +90,10 @@ def metric_row(
     **more: Any,
 ) -> Metric:
     low, high = (None, None) if value is None else (value - spread, value + spread)
-    if metric in SHARES and low is not None and high is not None:
+    unit = find_metric(metric).unit
+    if unit == "share" and low is not None and high is not None:
         low, high = max(0.0, low), min(1.0, high)
-    ends = {"low": low, "high": high, "unit": UNITS.get(metric, "mm"), "better": "lower"}
+    ends = {"low": low, "high": high, "unit": unit, "better": "lower"}
     return Metric(metric=metric, group=group, value=value, n=n, clusters=clusters, **ends, **more)
 
 
@@ -135,20 +109,9 @@ def exp1_rows() -> list[Metric]:
         for name, first, step, spread in by_axis
         for k, axis in enumerate("xyz")
     ]
-    whole = [
-        ("r2", "mean", 0.99641, 0.0002),
-        ("mae_mm", "mean", 0.0512, 0.0011),
-        ("rmse_mm", "mean", 0.0634, 0.0021),
-        ("rmse_pooled_mm", "all", 0.0641, 0.0022),
-        ("gospa1_mm", "all", 0.0471, 0.0012),
-        ("surface_rmse_mm", "all", 0.2113, 0.004),
-        ("surface_floor_mm", "all", 0.1507, 0.002),
-        ("surface_excess_mm", "all", 0.0421, 0.003),
-        ("nll", "all", -3.217, 0.12),
-        ("missed", "all", 0.0, 0.0037),
-        ("spurious", "all", 0.0021, 0.001),
-    ]
-    return rows + [metric_row(*row) for row in whole]
+    rows += [metric_row(name, "mean", first, spread) for name, first, _, spread in by_axis[:3]]
+    over_all = {"gospa1_mm": 0.0471, "nll": -3.217, "missed": 0.0, "spurious": 0.0021}
+    return rows + [metric_row(name, "all", value, 0.001) for name, value in over_all.items()]
 
 
 def exp2_rows(resolved: float = 0.6) -> list[Metric]:
@@ -171,18 +134,12 @@ def exp2_rows(resolved: float = 0.6) -> list[Metric]:
         metric_row("resolved", "all", resolved, 0.02, 1200, 1200),
         metric_row("threshold_mm", "all", 6.5, 0.2, 1200, 1200, censored="<"),
         metric_row("catch_resolved", "all", 0.008, 0.01, 120, 120),
-        metric_row("d_prime", "all", 3.41, 0.4, 1320, 1320),
-        metric_row("orientation_mae_deg", "all", 5.31 if n else None, 0.2, n, n),
     ]
     over_all_frames = {
-        "position_mean_mm": 0.361,
-        "position_ungated_mm": 0.912,
         "depth_mae_mm": 0.204,
         "gospa1_mm": 0.891,
-        "gospa2_mm": 1.21,
         "missed": 0.081,
         "spurious": 0.031,
-        "surface_rmse_mm": 0.311,
     }
     rows += [metric_row(m, "all", v, 0.01, 2200, 1200) for m, v in over_all_frames.items()]
     return rows

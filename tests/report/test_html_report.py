@@ -9,13 +9,12 @@ from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pytest
 from report_material import HOSTILE, contact_parts, store_of
 from stored_answers import store_run
 
 from tactibench import UserError
-from tactibench.board import add, ranked_errors
+from tactibench.board import add
 from tactibench.report import gather
 
 pytestmark = pytest.mark.long
@@ -66,14 +65,6 @@ def test_partial_runs_are_counted_and_left_out(tmp_path, fabricate):
     made = gather(tmp_path / "runs", tmp_path)
     assert names(made) == {"exp1": 1}
     assert "Left out: 1 partial, other or older run." in made.origin
-
-
-def test_ranks_rest_on_the_same_errors_as_a_board(store, tmp_path):
-    (board, _) = gather(store, tmp_path).boards
-    for name, run in board.runs.items():
-        wanted = ranked_errors(board.protocol.spec, run.arrays("truth"), run.arrays("predictions"))
-        np.testing.assert_array_equal(board.errors[name].press, wanted["ranked.press"])
-        np.testing.assert_array_equal(board.errors[name].error, wanted["ranked.error"])
 
 
 def test_a_damaged_run_is_named(tmp_path, fabricate):
@@ -173,14 +164,7 @@ def test_every_figure_has_its_picture_a_text_for_who_cannot_see_it_and_a_choice(
 def test_it_says_what_it_was_made_from_and_on_what(html):
     text = re.sub(r"<[^>]+>", " ", html)
     assert "Made from 6 runs stored in" in text
-    for word in (
-        "Speed against error",
-        "Error against distance",
-        "Worst frames",
-        "AMD EPYC",
-        "Simulated sensor tactip-127",
-        "signatures",
-    ):
+    for word in ("Speed against error", "Error against distance", "Worst frames", "AMD EPYC"):
         assert word in text, word
 
 
@@ -190,21 +174,16 @@ def test_every_chapter_and_sensor_can_be_linked_to(html):
     assert len(set(ids)) == len(ids)
 
 
-def test_hostile_names_add_no_element(page_of, hostile):
+def test_hostile_names_add_no_element_and_can_be_read(page_of, hostile):
     html = page_of(hostile)
     found = elements(html)
     assert {tag for tag, _ in found.found} <= set(TAGS.split())
     assert not any(name.startswith("on") for _, attributes in found.found for name in attributes)
     assert all((a.get("href") or "#").startswith("#") for _, a in found.found)
     assert html.count("</script>") == 1
-    assert "{{7*7}}" in html
-
-
-@pytest.mark.parametrize("text", HOSTILE)
-def test_hostile_names_can_be_read(page_of, hostile, text):
-    assert " ".join(text.split()) in unescape(page_of(hostile)).replace("\u2028", " ") or (
-        text in unescape(page_of(hostile))
-    )
+    shown = unescape(html)
+    for text in HOSTILE:
+        assert text in shown or " ".join(text.split()) in shown.replace("\u2028", " ")
 
 
 def test_one_file_is_written(cli, made_store, tmp_path):

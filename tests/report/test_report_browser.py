@@ -23,11 +23,10 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory, page_of, report_data, hostile):
-    folder = tmp_path_factory.mktemp("pages")
-    for name, made in (("plain", report_data), ("hostile", hostile)):
-        (folder / f"{name}.html").write_text(page_of(made), encoding="utf-8")
-    return folder
+def file(tmp_path_factory, page_of, report_data):
+    path = tmp_path_factory.mktemp("pages") / "plain.html"
+    path.write_text(page_of(report_data), encoding="utf-8")
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +67,8 @@ class Tab:
 
 
 @pytest.fixture(scope="module")
-def tab(browser, files):
-    made = Tab(browser, files / "plain.html", viewport={"width": 1280, "height": 900})
+def tab(browser, file):
+    made = Tab(browser, file, viewport={"width": 1280, "height": 900})
     yield made
     made.context.close()
 
@@ -110,9 +109,9 @@ def test_a_head_sorts_by_click_and_by_key_numbers_as_numbers(tab):
 
 @pytest.mark.parametrize("width", [1280, 768, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_no_column_is_clipped_and_the_page_does_not_scroll_sideways(browser, files, width, scheme):
+def test_no_column_is_clipped_and_the_page_does_not_scroll_sideways(browser, file, width, scheme):
     size = {"width": width, "height": 800}
-    tab = Tab(browser, files / "plain.html", viewport=size, color_scheme=scheme)
+    tab = Tab(browser, file, viewport=size, color_scheme=scheme)
     tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     tab.page.wait_for_function(f"{CLIPPED}.length === 0")  # folds tell that they opened a bit later
     assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
@@ -139,8 +138,8 @@ def test_a_link_to_a_row_opens_what_hides_it(browser, site):
     index.context.close()
 
 
-def test_the_policy_stops_a_script_that_got_in(browser, files, tmp_path):
-    html = (files / "plain.html").read_text(encoding="utf-8")
+def test_the_policy_stops_a_script_that_got_in(browser, file, tmp_path):
+    html = file.read_text(encoding="utf-8")
     broken = tmp_path / "broken.html"
     inside = "<script>window.broken = 1</script><img src=x onerror='window.broken = 2'>"
     broken.write_text(html.replace("<main", f"{inside}<main"), encoding="utf-8")

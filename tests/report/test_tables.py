@@ -20,7 +20,6 @@ from tactibench.report import (
     duration,
     escape,
     fixed,
-    number,
     prose_html,
     prose_markdown,
     significant,
@@ -140,7 +139,3 @@ def test_text_of_strangers_stays_in_its_cell(text):
     lines = table_lines(table([text], [[Text(text, "italic", text)], [Text(text, "code")]]))
     assert all(len(re.findall(r"(?<!\\)\|", line)) == 2 for line in lines)
     assert "<img" not in "".join(lines[:3]).replace(r"\<img", "")
-
-
-def test_small_values_do_not_become_zero():
-    assert number(0.0003, 3) == "3e-04"
