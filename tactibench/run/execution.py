@@ -85,7 +85,7 @@ def _answer(plan: RunPlan, reporter: Reporter, *, timed: bool) -> tuple[Record, 
     evaluation = _evaluation(plan)(plan, model, test, reporter)
     predictions = evaluation.predict()
     truth, maps = evaluation.truth(), predictions.map_arrays
-    if plan.frames.source.simulates and not plan.request.quick:
+    if plan.frames.source.simulates:
         _add_simulated_truth(plan, test, truth, maps, reporter)
     if plan.published:
         from tactibench.run.published_predictions import published_arrays
@@ -258,12 +258,9 @@ def _make_record(
 
 
 def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
-    """Return the simulator's own errors by test set.
-
-    A quick run states none, and there are none of real and finite-element frames.
-    """
+    """Return the simulator's own errors by test set; {} for real and finite-element frames."""
     tested = plan.components.tested.spec
-    if tested.origin != "simulated" or tested.reference_of or plan.request.quick:
+    if tested.origin != "simulated" or tested.reference_of:
         return {}
     from tactibench.frames import simulator_error
 
