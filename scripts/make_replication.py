@@ -7,21 +7,23 @@ python scripts/make_replication.py --check    # exit code 1 when they are not wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import click
+import numpy as np
+from scipy.special import stdtrit
 
 from tactibench.board import (
+    FEWEST_SEEDS,
     NOMINAL,
     Errors,
     Row,
     all_press_errors,
     ranking_error,
     read_submissions,
-    row_difference,
     sections_of,
 )
 from tactibench.protocols import PublishedRow, load_protocol, load_published, rows_for
@@ -204,10 +206,27 @@ def _difference(board: Board, first: System, second: System, recipe: str) -> Cel
     )
     if first_row is None or second_row is None:
         return NOT_RUN
-    difference = row_difference(board.protocol, first_row, second_row, board.errors)
-    if difference is None:
+    systems = [
+        np.array([board.errors[record.name].error for record in row.records])
+        for row in (first_row, second_row)
+    ]
+    if min(map(len, systems)) < FEWEST_SEEDS:
         return TOO_FEW
-    return Number(difference.value, signed, (difference.low, difference.high))
+    first_errors, second_errors = (table.mean(axis=0) for table in systems)
+    apart = first_errors - second_errors
+    of_presses = apart.var(ddof=1) / len(apart), len(apart) - 1.0
+    of_seeds = [(t.mean(axis=1).var(ddof=1) / len(t), len(t) - 1.0) for t in systems]
+    # The ranks of a board take the wider of seeds alone and of both, too (tactibench.stats.paired).
+    half = max(half_width(of_seeds), half_width([*of_seeds, of_presses]))
+    mean = float(apart.mean())
+    return Number(mean, signed, (mean - half, mean + half))
+
+
+def half_width(terms: Sequence[tuple[float, float]]) -> float:
+    """Return half of a 95 % interval, of variances with their degrees of freedom (Welch 1947)."""
+    variance = sum(variance for variance, _ in terms)
+    freedom = variance**2 / sum(variance**2 / freedom for variance, freedom in terms)
+    return float(stdtrit(freedom, 0.975) * np.sqrt(variance))
 
 
 def signed(value: float) -> str:

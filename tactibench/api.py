@@ -284,14 +284,11 @@ class Comparisons:
         return _frame(self.rows)
 
 
-def compare(
-    *runs: str | Path | StoredRun, distances: bool = False, store: str | Path = STORE
-) -> Comparisons:
+def compare(*runs: str | Path | StoredRun, store: str | Path = STORE) -> Comparisons:
     """Compare stored runs that answered the same test frames, press by press.
 
     Args:
         *runs: Two or more runs, their names, or their folders.
-        distances: Whether to compare also at every true distance of the tips.
         store: Folder of the run store.
 
     Raises:
@@ -303,7 +300,7 @@ def compare(
     if len(runs) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
     opened = tuple(item if isinstance(item, StoredRun) else load_run(item, store) for item in runs)
-    return Comparisons(opened, tuple(compare_runs(opened, distances=distances)))
+    return Comparisons(opened, tuple(compare_runs(opened)))
 
 
 def place(run: StoredRun, board: str | Path = BOARD) -> Placement | None:

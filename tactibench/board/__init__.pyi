@@ -29,7 +29,6 @@ from .ranking import Ranks as Ranks
 from .ranking import ordered as ordered
 from .ranking import ranking_error as ranking_error
 from .ranking import ranks as ranks
-from .ranking import row_difference as row_difference
 from .reproduction import ReproducedMetric as ReproducedMetric
 from .reproduction import ReproducedRun as ReproducedRun
 from .reproduction import note_reproduction as note_reproduction

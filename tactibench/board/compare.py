@@ -21,7 +21,6 @@ from tactibench.errors import UserError
 from tactibench.metrics import (
     PlateTrials,
     Trials,
-    by_condition,
     by_kind,
     compared_metrics,
     find_metric,
@@ -98,12 +97,11 @@ class _PressMeans:
     level: float
 
 
-def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[Comparison]:
+def compare_runs(runs: Sequence[StoredRun]) -> list[Comparison]:
     """Compare every run with every later one.
 
     Args:
         runs: Runs of the same protocol on the same test frames.
-        distances: Whether metrics of two contacts are compared for every true distance.
 
     Raises:
         UserError: The runs did not answer the same frames of the same protocol, or a run is named
@@ -111,7 +109,7 @@ def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[
     """
     refuse_unlike(runs)
     protocol = protocol_of(runs[0])
-    measured = [_measure(run, distances) for run in runs]
+    measured = [_measure(run) for run in runs]
     seed = np.random.SeedSequence(protocol.spec.data_seed, spawn_key=(COMPARISON_STREAM,))
     pairs = list(combinations(range(len(runs)), 2))
     streams = map(np.random.default_rng, seed.spawn(len(pairs)))
@@ -147,34 +145,26 @@ def refuse_unlike(runs: Sequence[StoredRun]) -> None:
             )
 
 
-def _measure(run: StoredRun, distances: bool) -> _PressMeans:
+def _measure(run: StoredRun) -> _PressMeans:
     spec = protocol_of(run).spec
     trials = trials_of(spec, run.arrays("truth"), run.arrays("predictions"))
     means: dict[Cell, FloatArray] = {}
     for metric in compared_metrics(trials, spec.metrics.names):
-        groups = _groups(trials, metric, distances)
+        groups = _groups(trials, metric)
         table = press_means(metric, trials, groups)
         means |= {(metric, group): table[:, k] for k, group in enumerate(groups)}
     misses = {m.group: m.value for m in run.record.metrics if m.metric in MISSES}
     return _PressMeans(means, misses, trials.level)
 
 
-def _groups(trials: Trials | PlateTrials, metric: str, distances: bool) -> tuple[str, ...]:
+def _groups(trials: Trials | PlateTrials, metric: str) -> tuple[str, ...]:
     if isinstance(trials, PlateTrials):
         return tuple(dict.fromkeys(trials.group)) or ("all",)
     if trials.axes:  # hard cases: only the error of each, so that p is adjusted for fewer tests
         cases = [axis.groups for axis in trials.axes] if metric == ERROR else []
         present = set(trials.group)
         return (*(group for groups in cases for group in groups if group in present), "all")
-    kinds, conditions = tuple(by_kind(trials)), tuple(by_condition(trials))
-    by_distance = distances and metric in DISTANCE_METRICS
-    return conditions if by_distance else kinds
-
-
-DISTANCE_METRICS = frozenset(
-    {"distance_mae_mm", "distance_penalised_mm", "resolved", "orientation_mae_deg"}
-)
-"""Metrics that a record holds for every true distance."""
+    return tuple(by_kind(trials))
 
 
 def _rows(
@@ -204,11 +194,8 @@ def _rows(
 
 
 def _misses(first: _PressMeans, second: _PressMeans, group: str) -> tuple[float, float] | None:
-    """Return ``missed`` or ``coverage`` of a group in both runs; None where a run has none.
-
-    A record has none for single distances; there the value of all presses stands.
-    """
-    a, b = (side.misses.get(group, side.misses.get("all")) for side in (first, second))
+    """Return ``missed`` or ``coverage`` of a group in both runs; None where a run has none."""
+    a, b = first.misses.get(group), second.misses.get(group)
     return None if a is None or b is None else (a, b)
 
 

@@ -40,7 +40,6 @@ from tactibench.errors import UserError
 from tactibench.protocols import Ranking, board_spec, protocol_files
 from tactibench.stats import (
     adjust_pairs,
-    crossed_interval,
     crossed_p_values,
     grouped,
     holm,
@@ -126,55 +125,6 @@ class Ranks:
             f"{count} no rank: fewer than {FEWEST_PRESSES} presses, or fewer than "
             f"{FEWEST_SEEDS} seeds of a model that draws at random when it is trained."
         )
-
-
-@dataclass(frozen=True)
-class RowDifference:
-    """The error of one row minus that of another, with its 95 % interval over presses and seeds.
-
-    Values are in the unit of the error that orders the board.
-
-    Attributes:
-        value: First minus second.
-        low: Lower end of the interval.
-        high: Upper end of the interval.
-        presses: Number of presses that both answered.
-    """
-
-    value: float
-    low: float
-    high: float
-    presses: int
-
-
-def row_difference(protocol: str, first: Row, second: Row, errors: Errors) -> RowDifference | None:
-    """Return the difference of the error that orders a board, first minus second, press by press.
-
-    None where no error orders the board, or a row has no errors of its presses, too few presses in
-    common with the other, or too few seeds to know their spread.
-
-    Args:
-        protocol: Name of the protocol of both rows.
-        first: A row.
-        second: A row of the same section.
-        errors: Errors press by press, by the name of the record.
-    """
-    by = _ranking(protocol, "")
-    if by is None:
-        return None
-    samples = [sample for row in (first, second) if (sample := _sample(row, by, errors))]
-    if sum(sample.enough for sample in samples) < 2:
-        return None
-    one, other = (sample.errors for sample in samples)
-    shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
-    if len(shared) < SHARED * max(len(one.press), len(other.press)):
-        return None
-    difference = one.error[i] - other.error[j]
-    mean = float(difference.mean())
-    presses = float(np.var(difference, ddof=1)) / len(shared), len(shared) - 1.0
-    seeds = [(sample.seed_variance, sample.seeds - 1.0) for sample in samples if sample.seeds]
-    low, high = crossed_interval(mean, presses, seeds, LEVEL)
-    return RowDifference(mean, low, high, len(shared))
 
 
 def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -> Ranks | None:

@@ -295,10 +295,9 @@ def report(
 
 @click.command()
 @click.argument("names", nargs=-1, required=True, metavar="RUN RUN [RUN...]", type=RUN)
-@click.option("--distances", is_flag=True, help="Also at every true distance of the tips.")
 @store_option
 @json_option
-def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Path | None) -> None:
+def compare(names: tuple[str, ...], store: Path, json_file: Path | None) -> None:
     """Compare stored runs (names in the store, or folders) that answered the same test frames.
 
     Paired differences of every metric that is a mean over presses, with intervals over presses,
@@ -311,6 +310,6 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     from tactibench.cli.output import Terminal
     from tactibench.report import print_comparisons
 
-    compared = api.compare(*names, distances=distances, store=store)
+    compared = api.compare(*names, store=store)
     print_comparisons(Terminal().out, compared.runs, compared.pairs)
     save_json(json_file, compared.rows)

@@ -11,7 +11,6 @@ from .registry import compared_metrics as compared_metrics
 from .registry import find_metric as find_metric
 from .registry import press_means as press_means
 from .registry import press_shares as press_shares
-from .spec import by_condition as by_condition
 from .spec import by_kind as by_kind
 from .spec import condition as condition
 from .surface import surface_floor as surface_floor

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import keyword
 import re
-import shutil
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
@@ -84,7 +82,7 @@ def check_name(kind: str, name: str, host: PluginHost) -> Names:
 
 
 def write_package(names: Names, parent: Path, template: str = "") -> Path:
-    """Write all files of the package, or none, into a new folder of ``parent`` and return it.
+    """Write all files of the package into a new folder of ``parent`` and return it.
 
     Args:
         names: Names of the plugin.
@@ -103,18 +101,10 @@ def write_package(names: Names, parent: Path, template: str = "") -> Path:
     if parent.exists() and not parent.is_dir():
         raise UserError(f"--out {parent} is not a folder; name one, or a place for a new one.")
     contents = render_templates(names, template)
-    parent.mkdir(parents=True, exist_ok=True)
-    unfinished = Path(tempfile.mkdtemp(dir=parent, prefix=f".{names.distribution}."))
-    try:
-        for name, text in contents.items():
-            path = unfinished / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        unfinished.chmod(0o755)  # mkdtemp lets nobody else read
-        unfinished.rename(folder)
-    except BaseException:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        raise
+    for name, text in contents.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
     return folder
 
 

@@ -28,7 +28,6 @@ from .intervals import root as root
 from .intervals import share_interval as share_interval
 from .intervals import t_quantile as t_quantile
 from .paired import adjust_pairs as adjust_pairs
-from .paired import crossed_interval as crossed_interval
 from .paired import crossed_p_values as crossed_p_values
 from .paired import grouped as grouped
 from .paired import holm as holm

@@ -12,12 +12,11 @@ two decides.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr, stdtrit  # scipy.stats takes a second to import
+from scipy.special import stdtr  # scipy.stats takes a second to import
 
 from tactibench.stats.intervals import FloatArray, finite
 
@@ -122,33 +121,6 @@ def crossed_p_values(
         welch_p_values(difference, of_seeds),
         welch_p_values(difference, [*of_seeds, *of_presses]),
     )
-
-
-def crossed_interval(
-    difference: float,
-    of_presses: tuple[float, float],
-    of_seeds: Sequence[tuple[float, float]],
-    level: float,
-) -> tuple[float, float]:
-    """Return the interval of a difference of two models, the wider of seeds alone and of both.
-
-    Args:
-        difference: Difference of the means.
-        of_presses: Variance over other presses, and its degrees of freedom.
-        of_seeds: The same over other seeds of each model; () where no training draws random
-            numbers.
-        level: Share of such intervals that hold the true difference.
-    """
-    half = max(_half_width(of_seeds, level), _half_width([*of_seeds, of_presses], level))
-    return difference - half, difference + half
-
-
-def _half_width(terms: Sequence[tuple[float, float]], level: float) -> float:
-    variance = sum(variance for variance, _ in terms)
-    if variance == 0:
-        return 0.0
-    freedom = variance**2 / sum(variance**2 / freedom for variance, freedom in terms)
-    return float(stdtrit(freedom, (1 + level) / 2)) * math.sqrt(variance)
 
 
 def welch_p_values(difference: FloatArray, terms: Sequence[Term]) -> FloatArray:
