@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from tactibench import Parameter, SensorSpec, hookimpl
 
-_COLUMNS = tuple(f"pose_{axis}" for axis in ("1", "2", "3", "4", "5", "6"))
-_ALIASES = tuple(f"pose_{axis}" for axis in ("x", "y", "z", "Rx", "Ry", "Rz"))
-
 
 @hookimpl
 def tactibench_sensors() -> list[SensorSpec]:
@@ -52,16 +49,10 @@ def tactibench_sensors() -> list[SensorSpec]:
                 Parameter(
                     "depth",
                     "pose_2",
-                    "column of targets.csv with the depth label, mm; pose_x..pose_Rz are the same "
-                    "columns as pose_1..pose_6",
-                    choices=_COLUMNS + _ALIASES,
+                    "column of targets.csv with the depth label, mm (-COLUMN: counted the other "
+                    "way); pose_x..pose_Rz are the same columns as pose_1..pose_6",
                 ),
-                Parameter(
-                    "tilt",
-                    "pose_6",
-                    "column of targets.csv with the plate's tilt, deg",
-                    choices=_COLUMNS + _ALIASES,
-                ),
+                Parameter("tilt", "pose_6", "column of targets.csv with the plate's tilt, deg"),
                 Parameter(
                     "trust_labels",
                     False,

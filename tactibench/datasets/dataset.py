@@ -267,19 +267,19 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
         UserError: The folder holds no data set.
     """
     header, lines = read_header(folder), read_lines(folder / JOURNAL)
-    journal, findings, samples = folder / JOURNAL, list[str](), dict[int, Sample]()
-    line_of: dict[int, int] = {}
-    for number, line in enumerate(lines, start=1):
+    journal, findings, samples = folder / JOURNAL, list[str](), list[Sample]()
+    row_of: dict[int, int] = {}
+    for row, line in enumerate(lines):
         try:
-            sample = read_row(line, f"{journal} line {number}")
+            sample = read_row(line, f"{journal} line {row + 1}")
         except UserError as error:
             findings.append(str(error))
             continue
-        samples[number] = sample
-        if (first := line_of.setdefault(sample.id, number)) != number:
+        samples.append(sample)
+        if (first := row_of.setdefault(sample.id, row)) != row:
             findings.append(
-                f"{journal} lines {first} and {number} are both of id {sample.id}; an id stands "
-                "once: remove one of them."
+                f"{journal} lines {first + 1} and {row + 1} are both of id {sample.id}; an id "
+                "stands once: remove one of them."
             )
     if header.status == "closed" and lines_hash(lines) != header.journal_sha256:
         findings.append(
@@ -292,12 +292,11 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
     except UserError as error:
         findings.append(str(error))
         events = ()
-    sound = tuple(samples.values())
-    dataset = Dataset(folder, header, sound, events, "")
+    dataset = Dataset(folder, header, samples, events, "")
     # A row of channels belongs to its line, also where lines before it are damaged.
-    dataset.__dict__["_row_of"] = {sample.id: number - 1 for number, sample in samples.items()}
+    dataset.__dict__["_row_of"] = row_of
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for sentences in pool.map(lambda sample: list(_finding(dataset.signal, sample)), sound):
+        for sentences in pool.map(lambda sample: list(_finding(dataset.signal, sample)), samples):
             findings += sentences
             advance(1)
     for number, event in enumerate(events, start=1):
@@ -306,7 +305,7 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
             findings += _finding(dataset._reference, event, where)
     findings += _finding(dataset.plan)
     for path in split_files(folder).values():
-        findings += _finding(lambda path=path: check_split(read_split(path), sound, str(path)))
+        findings += _finding(lambda path=path: check_split(read_split(path), samples, str(path)))
     return findings
 
 

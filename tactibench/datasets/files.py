@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -164,19 +164,8 @@ def read_row(line: bytes, where: str) -> Sample:
             f"{where}: file_name is {row.file_name!r}, but the image of id {row.id} is "
             f"{image_name(row.id)}; restore the line."
         )
-    return Sample(
-        row.id,
-        row.file_name,
-        row.sha256,
-        row.status,
-        row.scene(where),
-        row.labels,
-        row.press,
-        row.session,
-        row.attempt,
-        row.t_frame_ns,
-        row.extra,
-    )
+    facts = {f.name: getattr(row, f.name) for f in fields(Sample) if f.name != "scene"}
+    return Sample(scene=row.scene(where), **facts)
 
 
 def json_line(value: dict[str, Any], what: str) -> bytes:

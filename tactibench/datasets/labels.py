@@ -67,9 +67,14 @@ def indentation(
     return lowered + pivot_mm * (1 - np.cos(turned)) + side_mm * np.sin(turned)
 
 
-def signed_column(labels: Mapping[str, FloatArray], column: str) -> FloatArray:
-    """Return the values of a column, negated where its name begins with '-'."""
-    sign = -1.0 if column.startswith("-") else 1.0
+def signed_column(labels: Mapping[str, FloatArray], column: str, factor: float = 1.0) -> FloatArray:
+    """Return the values of a column in mm or deg, negated where its name begins with '-'.
+
+    A number in place of a column holds for all rows, and is in mm or deg already.
+    """
+    if is_number(column):
+        return np.full(len(next(iter(labels.values()))), float(column))
+    sign = -factor if column.startswith("-") else factor
     return np.asarray(sign * labels[column.removeprefix("-")], dtype=np.float64)
 
 
@@ -97,11 +102,10 @@ def scenes_of(
         return None
     if indenter != PLATE:
         return tip_scenes(labels, columns, options, indenter, table)
-    tilt = signed_column(labels, columns["tilt"])
-    if options.angles == "rad":
-        tilt = np.degrees(tilt)
+    scale, turn = _scales(options)
+    tilt = signed_column(labels, columns["tilt"], turn)
     depth = indentation(
-        MM_PER[options.unit] * signed_column(labels, columns["depth"]),
+        signed_column(labels, columns["depth"], scale),
         tilt,
         options.offset_mm,
         options.pivot_mm,
@@ -134,6 +138,11 @@ def own_workspace(
         return None
     reach = max(float(np.abs(tip_positions(scene)[:, :2]).max()) for scene in tips)
     return Workspace(reach, float(depths.min()), float(depths.max()), radius)
+
+
+def _scales(options: ImportOptions) -> tuple[float, float]:
+    """Return factors from the units of a table's lengths and angles to mm and deg."""
+    return MM_PER[options.unit], math.degrees(1.0) if options.angles == "rad" else 1.0
 
 
 def choose_indenter(options: ImportOptions, columns: Sequence[str]) -> str:
@@ -292,22 +301,18 @@ def tip_scenes(
             contact lies beside the sensor; the sentence names the row.
     """
     count = len(next(iter(labels.values())))
-    scale = MM_PER[options.unit]
+    scale, turn = _scales(options)
 
-    def column(text: str, factor: float = 1.0) -> FloatArray:
-        """Return the (N,) values of a column or of a number, which is in mm or deg already."""
-        if is_number(text):
-            return np.full(count, float(text))
-        sign = -1.0 if text.startswith("-") else 1.0
-        return np.asarray(factor * sign * labels[text.removeprefix("-")], dtype=np.float64)
+    def lengths(role: str, zero: float = 0.0) -> FloatArray:
+        return np.column_stack(
+            [
+                signed_column(labels, text, scale) - (-zero if text.startswith("-") else zero)
+                for text in texts(columns[role])
+            ]
+        )
 
-    def place(text: str, zero: float) -> FloatArray:
-        return column(text, scale) - (-zero if text.startswith("-") else zero)
-
-    x = np.column_stack([place(text, options.x_zero_mm) for text in texts(columns["x"])])
-    y = np.column_stack([place(text, options.y_zero_mm) for text in texts(columns["y"])])
-    depth = np.column_stack([column(text, scale) for text in texts(columns["depth"])])
-    depth += options.offset_mm
+    x, y = lengths("x", options.x_zero_mm), lengths("y", options.y_zero_mm)
+    depth = lengths("depth") + options.offset_mm
     if indenter == TIPS:
         return tuple(
             _list_scene(*row, options, f"{table} row {number}")
@@ -317,12 +322,11 @@ def tip_scenes(
     poses = np.column_stack([x, y, np.zeros(count), depth])
     if indenter == SINGLE:
         return tuple(Scene(single, Pose(px, py, depth=d)) for px, py, _, d in poses.tolist())
-    spacing = column(columns["spacing"], scale)
-    turn = np.degrees(1.0) if options.angles == "rad" and not is_number(columns["yaw"]) else 1.0
-    yaw = column(columns["yaw"], float(turn))
+    spacing = signed_column(labels, columns["spacing"], scale)
+    yaw = signed_column(labels, columns["yaw"], turn)
     heights = np.zeros((count, TIP_COUNT[indenter]))
     if "heights" in columns:
-        heights = np.column_stack([column(text, scale) for text in texts(columns["heights"])])
+        heights = lengths("heights")
     scenes = []
     for row in range(count):
         px, py, _, d = poses[row].tolist()

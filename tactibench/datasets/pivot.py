@@ -29,6 +29,7 @@ from tactibench.datasets.labels import indentation, role_columns, signed_column
 from tactibench.datasets.options import PLATE, ImportOptions
 from tactibench.datasets.recording import Recording
 from tactibench.errors import UserError
+from tactibench.images import gray
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -195,29 +196,13 @@ def fit_recording(
         most: Largest number of presses that are followed.
 
     Raises:
-        UserError: There is no rest frame, frames have colours, or labels or presses do not suffice.
+        UserError: There is no rest frame, or labels or presses do not suffice.
     """
-    from tactibench.markers import Tracker
-
     labels = recording.complete_labels()
     columns = role_columns(options, PLATE, labels, recording.table)
-    rest = recording.rest_image()
-    if rest is None:
-        raise UserError(
-            f"{recording.folder} has no frame of the undeformed sensor, from which pins are "
-            "followed; add one as init_0.png."
-        )
-    tracker = Tracker(rest)
     shear_columns = _changing(labels, _SHEAR)
     rows = _least_sheared(recording, _changing(labels, _TRAVEL), most)
-    spread, middle = np.empty(len(rows)), np.empty((len(rows), 2))
-    for start in range(0, len(rows), _BATCH):
-        batch = rows[start : start + _BATCH]
-        tracks = tracker.track(np.stack([recording.image(int(row)) for row in batch]))
-        moved = tracks.xy - tracker.rest
-        spread[start : start + _BATCH] = spread_of(moved)
-        middle[start : start + _BATCH] = middle_of_spread(moved, tracker.rest)
-        advance(len(batch))
+    pins, spread, middle = follow_spreads(recording, rows, advance)
     depth, tilt = (signed_column(labels, columns[role])[rows] for role in ("depth", "tilt"))
     shear = None
     if shear_columns:
@@ -230,12 +215,43 @@ def fit_recording(
         pivot,
         columns,
         shear_columns,
-        len(tracker.rest),
+        pins,
         lean_deg=towards,
         following=following,
         untouched_mm=float(np.median(deep[untouched])) if untouched.any() else 0.0,
         deepest_mm=float(deep.max()),
     )
+
+
+def follow_spreads(
+    recording: Recording, rows: npt.NDArray[np.intp], advance: Callable[[int], None]
+) -> tuple[int, FloatArray, FloatArray]:
+    """Follow the pins of frames, and measure how they spread.
+
+    Returns:
+        Number of pins, (N,) spreads, px, and (N, 2) places about which the pins spread, px.
+
+    Raises:
+        UserError: There is no rest frame, or its pins cannot be followed.
+    """
+    from tactibench.markers import Tracker
+
+    rest = recording.rest_image()
+    if rest is None:
+        raise UserError(
+            f"{recording.folder} has no frame of the undeformed sensor, from which pins are "
+            "followed; add one as init_0.png."
+        )
+    tracker = Tracker(gray(rest))
+    spread, middle = np.empty(len(rows)), np.empty((len(rows), 2))
+    for start in range(0, len(rows), _BATCH):
+        batch = rows[start : start + _BATCH]
+        tracks = tracker.track(np.stack([gray(recording.image(int(row))) for row in batch]))
+        moved = tracks.xy - tracker.rest
+        spread[start : start + _BATCH] = spread_of(moved)
+        middle[start : start + _BATCH] = middle_of_spread(moved, tracker.rest)
+        advance(len(batch))
+    return len(tracker.rest), spread, middle
 
 
 def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tuple[str, ...]:
@@ -253,9 +269,12 @@ def _least_sheared(
         for name in travels:
             square += recording.labels[name] ** 2
         rows = np.flatnonzero(square <= np.quantile(square, LEAST_SHEARED))
-    if len(rows) > most:
-        rows = rows[np.linspace(0, len(rows) - 1, most).round().astype(np.intp)]
-    return rows
+    return thinned(rows, most)
+
+
+def thinned(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
+    """Return at most so many of the rows, evenly spread."""
+    return rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(np.intp)]
 
 
 def _touching(spread: FloatArray) -> npt.NDArray[np.bool_]:

@@ -23,8 +23,8 @@ from tactibench.datasets.pivot import (
     Pivot,
     RecordingFit,
     fit_recording,
-    middle_of_spread,
-    spread_of,
+    follow_spreads,
+    thinned,
 )
 from tactibench.datasets.recording import Recording
 from tactibench.datasets.schema import ChannelKind
@@ -146,13 +146,13 @@ def _check_tips(
     wrong = _wrong_units(x[singles], y[singles], depth[singles])
     facts: list[str] = []
     channels = isinstance(recording.kind, ChannelKind)
-    rows = singles if channels else _thinned(singles)
+    rows = singles if channels else thinned(singles, MOST)
     middle = None
     try:
         if channels:
             moved = np.sqrt(np.square(_deviations(recording, rows)).mean(axis=1))
         else:
-            moved, middle = _pins(recording, rows, advance)
+            _, moved, middle = follow_spreads(recording, rows, advance)
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
     deep = depth[rows]
@@ -227,13 +227,6 @@ def _cached(
         return read_checked_json(path)
 
 
-def _thinned(rows: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return at most MOST rows, evenly spread."""
-    if len(rows) <= MOST:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, MOST).round().astype(np.intp)]
-
-
 def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
     wrong = []
     deepest, widest = float(depth.max()), float(max(np.abs(x).max(), np.abs(y).max()))
@@ -248,30 +241,6 @@ def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
             "the unit"
         )
     return wrong
-
-
-def _pins(
-    recording: Recording, rows: npt.NDArray[np.intp], advance: Callable[[int], None]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the (N,) spread of the pins of every row, px, and the (N, 2) place about which, px.
-
-    Raises:
-        UserError: There is no rest frame, or its pins cannot be followed.
-    """
-    from tactibench.images import gray
-    from tactibench.markers import Tracker
-
-    rest = recording.rest_image()
-    if rest is None:
-        raise UserError("there is no frame of the undeformed sensor.")
-    tracker = Tracker(gray(rest))
-    moved = []
-    for row in rows.tolist():
-        tracks = tracker.track(gray(recording.image(row))[None])
-        moved.append(tracks.xy[0] - tracker.rest)
-        advance(1)
-    field = np.stack(moved)
-    return spread_of(field), middle_of_spread(field, tracker.rest)
 
 
 def _deviations(recording: Recording, rows: npt.NDArray[np.intp]) -> FloatArray:

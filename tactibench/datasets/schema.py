@@ -20,7 +20,7 @@ import math
 import re
 import uuid
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from math import prod
 from pathlib import Path
 from typing import Any, Literal
@@ -199,19 +199,11 @@ class Draft:
             file_name: File of the image or the channels, relative to the data set's folder.
             sha256: Hash of the image's file, or of the row of channels.
         """
-        return Sample(
-            int(self.id),
-            file_name,
-            sha256,
-            self.status,
-            self.scene,
-            {str(name): float(value) for name, value in self.labels.items()},
-            self.press or str(self.id),
-            self.session,
-            self.attempt,
-            self.t_frame_ns,
-            dict(self.extra),
-        )
+        facts = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "signal"}
+        facts["id"] = int(self.id)
+        facts["labels"] = {str(name): float(value) for name, value in self.labels.items()}
+        facts["press"] = self.press or str(self.id)
+        return Sample(file_name=file_name, sha256=sha256, **facts)
 
 
 def image_name(number: int) -> str:
