@@ -32,17 +32,10 @@ class Sample:
     Attributes:
         values: (n,).
         trial: (n,) index of the frame that each value belongs to.
-
-    Raises:
-        ValueError: ``values`` and ``trial`` differ in shape.
     """
 
     values: FloatArray
     trial: IntArray
-
-    def __post_init__(self) -> None:
-        if self.values.shape != self.trial.shape:
-            raise ValueError(f"{self.values.shape} values of {self.trial.shape} trials")
 
 
 @dataclass(frozen=True)

@@ -51,26 +51,17 @@ def installed() -> list[tuple[EntryPoint, Origin]]:
     """Return the entry points of the group ``tactibench``.
 
     Among distributions with the same name the first on the path counts, as it does for imports.
-
-    Raises:
-        UserError: The metadata of an installed distribution is damaged.
     """
 
     @cache  # all plugins of a distribution share its metadata
     def release(distribution: Distribution) -> tuple[str, str]:
         return printable(distribution.name), printable(distribution.version)
 
-    try:
-        return [
-            (point, Origin(printable(point.name), *release(point.dist)))
-            for point in entry_points(group=hookspecs.GROUP)
-            if point.dist is not None
-        ]
-    except (OSError, TypeError, ValueError) as error:
-        raise UserError(
-            f"the entry points of the installed packages cannot be read "
-            f"({describe_exception(error)}); `pip check` and a reinstallation help."
-        ) from error
+    return [
+        (point, Origin(printable(point.name), *release(point.dist)))
+        for point in entry_points(group=hookspecs.GROUP)
+        if point.dist is not None
+    ]
 
 
 @dataclass(frozen=True)
@@ -208,10 +199,9 @@ class PluginHost:
                 origins[name], specs[name] = owners[0]
                 continue
             clashes[name] = tuple(origin for origin, _ in owners)
-            for origin in dict.fromkeys(clashes[name]):
-                others = [str(o) for o in dict.fromkeys(clashes[name]) if o != origin]
-                by = f"also by {' and '.join(others)}" if others else "twice"
-                self._report(origin, "duplicate", f"{kind} {name!r} is offered {by}")
+            for origin in clashes[name]:
+                others = " and ".join(str(other) for other in clashes[name] if other != origin)
+                self._report(origin, "duplicate", f"{kind} {name!r} is offered also by {others}")
         return Catalogue(kind, specs, origins, clashes, tuple(problems))
 
     def _call_hook(

@@ -128,20 +128,16 @@ def load_protocol(name: str) -> LoadedProtocol:
             file of the user's own takes the id of a shipped protocol or has another name than its
             id.
     """
-    files, shipped = protocol_files(), shipped_files()
-    if name in shipped:
-        return read_protocol(shipped[name])
-    if name in files:
-        return _read_own(files[name])
+    files = protocol_files()
     own, _, version = name.partition("@")
-    if version and own in files:
-        present = load_protocol(own)
-        if present.label == name:
-            return present
-        raise UserError(
-            f"there is no {name!r}; the present version is {present.label} (commit {READER} reads "
-            "records of other versions)."
-        )
+    if own in files:
+        present = _read_own(files[own])
+        if version and present.label != name:
+            raise UserError(
+                f"there is no {name!r}; the present version is {present.label} (commit {READER} "
+                "reads records of other versions)."
+            )
+        return present
     path = Path(name)
     if path.suffix != ".toml":
         hint = did_you_mean(name, files)
@@ -161,7 +157,8 @@ def _read_own(path: Path) -> LoadedProtocol:
     """
     loaded = read_protocol(path)
     name = loaded.spec.id
-    if name in shipped_files() and version_of(name, loaded.hash) is None:
+    shipped = shipped_files().get(name, path)
+    if shipped != path and read_protocol(shipped).hash != loaded.hash:
         raise UserError(
             f"protocol file {path} has id = {name!r}, but is not the {name!r} that ships; give it "
             f"an id of its own, such as 'my-{name}', and a file of that name."

@@ -81,18 +81,16 @@ def subject_of(
     properties(kind)
     host, given = host or PluginHost(), parameters or {}
     options = {"sensor": sensor, "encoder": encoder, "data": data}
-    for option, owner in OPTION_KINDS.items():
-        if options[option] and kind != owner:
-            raise UserError(
-                f"--{option} belongs to the check of a {owner}; leave it out, or say "
-                f"--kind {owner}."
-            )
-    for other in given:
-        if other != kind and not (kind == "model" and other == "encoder"):
-            raise UserError(
-                f"--param {other}.NAME does not belong to the check of a {kind}; leave it out, or "
-                f"say --kind {other}."
-            )
+    strange = [
+        f"--{option}" for option, owner in OPTION_KINDS.items() if options[option] and kind != owner
+    ]
+    fitting = {"model": ("model", "encoder")}.get(kind, (kind,))
+    strange += [f"--param {other}.NAME" for other in given if other not in fitting]
+    if strange:
+        raise UserError(
+            f"{strange[0]} does not belong to the check of a {kind}; leave it out, or name another "
+            "--kind."
+        )
     spec = host.catalogue(kind)[name]
     title = f"{kind} {name} of plugin {host.catalogue(kind).origins[name]}"
     if kind == "model":

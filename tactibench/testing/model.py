@@ -20,6 +20,7 @@ from tactibench.testing.subjects import (
     Failed,
     ModelSubject,
     NotApplicable,
+    as_json,
     changed_images,
     check_parameters,
     difference,
@@ -217,10 +218,7 @@ def adapt(subject: ModelSubject) -> None:
         chosen = model.adapt(shown.frames, shown.truth)
         if chosen is None:
             raise NotApplicable("the model cannot adapt")
-        try:
-            json.dumps(dict(chosen), allow_nan=False)
-        except (ValueError, TypeError) as error:
-            raise Failed(f"what adapt returned cannot be written as JSON: {error}") from error
+        as_json(dict(chosen), "what adapt returned")
         once = subject.predict(model, asked)
         for count in (SHOWN // 2, SHOWN):
             model.adapt(shown.frames[:count], shown.truth[:count])

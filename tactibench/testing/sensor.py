@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +14,9 @@ from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.plugins import CHANNELS, IMAGE
 from tactibench.testing.subjects import (
-    Failed,
     NotApplicable,
     SensorSubject,
+    as_json,
     check_parameters,
     must_refuse,
     require,
@@ -200,11 +198,13 @@ def refusals(subject: SensorSubject) -> None:
 def describe(subject: SensorSubject) -> None:
     """The description is JSON values, the same for equal parameters, before and after a press."""
     sensor = subject.build()
-    before = _as_json(sensor.describe())
+    before = as_json(sensor.describe(), "describe")
     with sensor as opened:
         opened.press(subject.scenes[0])
-    require(_as_json(sensor.describe()) == before, "a press changed the description")
-    require(_as_json(subject.build(seed=1).describe()) == before, "it depends on the seed")
+    require(as_json(sensor.describe(), "describe") == before, "a press changed the description")
+    require(
+        as_json(subject.build(seed=1).describe(), "describe") == before, "it depends on the seed"
+    )
 
 
 def surface(subject: SensorSubject) -> None:
@@ -259,11 +259,3 @@ def _require_equal(first: list[Frame], second: list[Frame], case: str) -> None:
     for number, (frame, other) in enumerate(zip(first, second, strict=True), 1):
         require(np.array_equal(frame.signal, other.signal), f"{case} differ in frame {number}")
         require(frame.pose == other.pose, f"{case} differ in pose {number}")
-
-
-def _as_json(description: dict[str, Any]) -> str:
-    require(isinstance(description, dict), f"describe gave a {type(description).__name__}")
-    try:
-        return json.dumps(description, sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise Failed(f"describe cannot be written as JSON: {error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -679,6 +680,22 @@ class EncoderSubject:
         """Raise NotApplicable for an encoder of one contact."""
         if self.spec.max_contacts == 1:
             raise NotApplicable("it shows one contact only")
+
+
+def as_json(value: object, what: str) -> str:
+    """Return a value as JSON; numbers of numpy are numbers.
+
+    Args:
+        value: The value.
+        what: Words for it, with which the message of `Failed` begins.
+
+    Raises:
+        Failed: The value cannot be written as JSON.
+    """
+    try:
+        return json.dumps(value, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise Failed(f"{what} cannot be written as JSON: {error}") from error
 
 
 def difference(first: Sequence[Answer | None], second: Sequence[Answer | None]) -> float:

@@ -154,7 +154,12 @@ def test_what_a_class_expects_of_itself_is_read(host: Any, target: Any) -> None:
         ("model", "good_model", {"parameters": {"model": {"siz": "9"}}}, "did you mean 'size'"),
         ("model", "good_model", {"sensor": "good"}, "did you mean 'good_sensor'"),
         ("sensor", "good_sensor", {"data": "here"}, "takes no --data"),
-        ("encoder", "good_encoder", {"sensor": "good_sensor"}, "belongs to the check of a model"),
+        (
+            "encoder",
+            "good_encoder",
+            {"sensor": "good_sensor"},
+            "--sensor does not belong to the check of a encoder",
+        ),
     ],
 )
 def test_options_that_do_not_fit_are_refused(
