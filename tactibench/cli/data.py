@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import echo, json_option, param_option, picture_file, save_json
+from tactibench.cli.options import echo, json_option, output_file, param_option, save_json
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -108,7 +108,10 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     )
     print_table(
         terminal.out,
-        table(heads, [(n, *(v and f"{v:.3f}" for v in values)) for n, *values in lengths]),
+        table(
+            heads,
+            [(n, *("" if v is None else f"{v:.3f}" for v in values)) for n, *values in lengths],
+        ),
     )
     terminal.say(f"median misfit of the pins' spread: {pivot.residual:.1%}")
     if fit.shear:
@@ -313,7 +316,9 @@ def verify(ctx: click.Context, folder: Path, json_file: Path | None) -> None:
 
 @data.command(short_help="what a folder holds, and what it can serve")
 @click.argument("folder", type=click.Path(path_type=Path))
-@picture_file("--sheet", "Draw frames spread over the labels.")
+@output_file(
+    "--sheet", suffixes=(".png",), metavar="FILE.png", help="Draw frames spread over the labels."
+)
 @param_option("NAME=VALUE", "Say where labels are and what they mean, as `data import` does.")
 @json_option
 def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: Path | None) -> None:
@@ -429,16 +434,24 @@ def _info_rows(
     protocols: Sequence[Service],
 ) -> list[dict[str, Any]]:
     """Return rows of metric, group, value, unit."""
-    known = sum(scene is not None for scene in recording.scenes)
-    rows = [
-        _row("format", "all", recording.format),
-        _row("generation", "all", recording.generation),
-        _row("frames", "all", len(recording)),
-        _row("presses", "all", len(set(recording.presses))),
-        _row("shape", "all", list(recording.kind.shape)),
-        _row("contacts known", "all", known),
-        _row("sha256", "all", recording.sha256),
-    ]
+    facts = {
+        "format": recording.format,
+        "generation": recording.generation,
+        "frames": len(recording),
+        "presses": len(set(recording.presses)),
+        "shape": list(recording.kind.shape),
+        "contacts known": sum(scene is not None for scene in recording.scenes),
+        "sha256": recording.sha256,
+    }
+    if pins is not None:
+        facts |= {
+            "pins found, least": min(pins.counts),
+            "pins found, most": max(pins.counts),
+            "pins at rest": pins.rest,
+            "share of frames with all pins seen": pins.visible_share,
+            "largest displacement, median, px": pins.moved_px,
+        }
+    rows = [_row(name, "all", value) for name, value in facts.items()]
     for label in labels:
         rows += [
             _row("least", label.name, label.low, label.unit),
@@ -446,16 +459,8 @@ def _info_rows(
             _row("most", label.name, label.high, label.unit),
             _row("histogram", label.name, list(label.counts), "frames"),
         ]
-    if pins is not None:
-        rows += [
-            _row("pins found, least", "all", min(pins.counts)),
-            _row("pins found, most", "all", max(pins.counts)),
-            _row("pins at rest", "all", pins.rest),
-            _row("all pins seen", "all", pins.visible_share, "share"),
-            _row("largest displacement, median", "all", pins.moved_px, "px"),
-        ]
-    served = [_row("served", s.protocol, s.served) | {"reason": s.reason} for s in protocols]
-    return rows + served + [_row("note", "all", note) for note in recording.notes]
+    rows += [_row("served", s.protocol, s.served) | {"reason": s.reason} for s in protocols]
+    return rows + [_row("note", "all", note) for note in recording.notes]
 
 
 def draw_sheet(path: Path, recording: Recording) -> None:

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, echo, json_option, save_json, store_option
+from tactibench.cli.options import echo, json_option, save_json, store_option
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from tactibench.plugins import PluginHost
-    from tactibench.protocols import Axis, Draw, PublishedTable
+    from tactibench.protocols import Axis, Draw
 
 PLUGINS = ("models", "sensors", "encoders", "protocols")
-KINDS = (*PLUGINS, "runs", "weights", "published")
+KINDS = (*PLUGINS, "runs", "weights")
 MIB = 2**20
 
 Row = dict[str, Any]
@@ -26,19 +26,16 @@ Row = dict[str, Any]
 @click.argument("kind", type=click.Choice(KINDS), required=False)
 @json_option
 @store_option
-@board_option
-def listing(kind: str | None, json_file: Path | None, store: Path, board_folder: Path) -> None:
+def listing(kind: str | None, json_file: Path | None, store: Path) -> None:
     """List plugins and protocols, or what is stored.
 
     models, sensors, encoders and protocols are listed by default; runs are those of --store,
-    weights those in the cache, published the tables of papers.
+    weights those in the cache.
     """
     if kind == "runs":
         rows: Any = _list_runs(store)
     elif kind == "weights":
         rows = _list_weights()
-    elif kind == "published":
-        rows = _list_published(board_folder)
     else:
         rows = _list_plugins((kind,) if kind else PLUGINS)
     save_json(json_file, rows)
@@ -132,36 +129,6 @@ def _weights_label(model: str, parameters: Mapping[str, Any], host: PluginHost) 
     defaults = spec.defaults(parameters) if spec else {}
     other = [name for name, value in parameters.items() if defaults.get(name) != value]
     return Component(name=model, parameters=dict(parameters), settings=other).label
-
-
-def _list_published(board_folder: Path) -> list[Row]:
-    rows: list[Row] = []
-    for table in _published_tables(board_folder):
-        echo(f"{table.name}: {table.authors}, {table.title}, {table.year}")
-        echo(f"  measured on: {table.measured_on}")
-        rows += [
-            {
-                "table": table.name,
-                "protocol": row.protocol,
-                "model": row.label,
-                "metrics": {name: dict(groups) for name, groups in row.metrics.items()},
-                "n": f"{row.n:,} {row.unit}" if row.n else "n/a",
-                "comparable": row.comparable,
-                "source": row.source,
-            }
-            for row in table.rows
-        ]
-    shown = [{**row, "metrics": ", ".join(row["metrics"])} for row in rows]
-    _print(shown, f"no published tables in {board_folder}")
-    return rows
-
-
-def _published_tables(board_folder: Path) -> list[PublishedTable]:
-    from tactibench.protocols import load_published, published_names
-    from tactibench.report import published_folder
-
-    folder = published_folder(board_folder)
-    return load_published(published_names(folder), folder)
 
 
 def _print(rows: list[Row], empty: str) -> None:

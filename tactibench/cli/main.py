@@ -28,7 +28,7 @@ VERBS = {
     "demo": ("tactibench.cli.demo:demo", "press a simulated sensor by mouse; see models answer"),
     "describe": ("tactibench.cli.listing:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.plugin:doctor", "check the installation and name broken plugins"),
-    "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
+    "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights"),
     "new": ("tactibench.cli.plugin:new", "begin a model, sensor or encoder of your own"),
     "plot": ("tactibench.cli.plot:plot", "figures: frontier, curve, stability, limit"),
     "report": ("tactibench.cli.plot:report", "the boards as one HTML page, offline"),

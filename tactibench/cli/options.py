@@ -42,11 +42,6 @@ def output_file(
     return click.option(*names, type=file, callback=check, **attributes)
 
 
-def picture_file(name: str, help_text: str) -> Callable[[Verb], Verb]:
-    """Return an option that names a picture to draw."""
-    return output_file(name, suffixes=(".png",), metavar="FILE.png", help=help_text)
-
-
 def folder_option(*names: str, default: str, help_text: str) -> Callable[[Verb], Verb]:
     """Return an option that names a folder, which need not be there."""
     folder = click.Path(path_type=Path, file_okay=False)
@@ -68,7 +63,9 @@ board_option = folder_option(
 )
 full_option = click.option("--full", is_flag=True, help="Print all tables and published rows.")
 json_option = output_file("--json", "json_file", help="Write the results here, as JSON.")
-picture_option = picture_file("--out", "Draw the picture.")
+picture_option = output_file(
+    "--out", suffixes=(".png",), metavar="FILE.png", help="Draw the picture."
+)
 
 
 def save_json(path: Path | None, values: Any) -> None:

@@ -16,7 +16,7 @@ from tactibench.plugins import KINDS
 
 if TYPE_CHECKING:
     from tactibench.plugins import PluginHost
-    from tactibench.testing import Finding, Report
+    from tactibench.testing import Report
 
 LIBRARIES = ("numpy", "torch")
 EXAMPLES = {
@@ -124,16 +124,14 @@ def check(
     for subject_kind, subject in subjects.items():
         echo(f"{subject.title}:")
         expectations = expected_failures(subject, reasons)
-        report = run_checks(properties(subject_kind), subject, expectations, _print_finding)
+        report = run_checks(
+            properties(subject_kind), subject, expectations, lambda one: echo(f"  {one.line()}")
+        )
         echo(report.summary())
         reports.append(report)
     save_json(json_file, _json_values(reports))
     if not all(report.ok for report in reports):
         ctx.exit(1)
-
-
-def _print_finding(finding: Finding) -> None:
-    echo(f"  {finding.line()}")
 
 
 def _kinds_of(name: str, host: PluginHost) -> list[str]:

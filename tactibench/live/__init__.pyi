@@ -1,7 +1,6 @@
 """Public names of tactibench.live, and the modules that define them."""
 
 from .pages import MOST_BYTES as MOST_BYTES
-from .pages import MOST_CONNECTIONS as MOST_CONNECTIONS
 from .pages import LocalServer as LocalServer
 from .pages import PressPage as PressPage
 from .pages import WatchPage as WatchPage

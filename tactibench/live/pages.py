@@ -8,14 +8,13 @@ size of a request is bounded before it is read.
 from __future__ import annotations
 
 import json
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, Self
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tactibench.errors import UserError
 from tactibench.live import press
@@ -26,8 +25,6 @@ NAMES = frozenset({HOST, "localhost"})
 """Names of this machine in a Host header. Any port is accepted: a tunnel may have another one."""
 MOST_BYTES = 4096
 """Largest body of a POST: five tips and five sliders take a tenth of it."""
-MOST_CONNECTIONS = 16
-"""Most connections at a time. A browser opens six."""
 IDLE_S = 60.0
 """Time after which a silent connection is closed; the browser opens another."""
 JSON = "application/json"
@@ -49,22 +46,6 @@ Post = Callable[[bytes], bytes]
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
-
-    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
-        self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
-        super().__init__((HOST, port), handler)
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        if not self._free.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
-        super().process_request(request, client_address)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Report nothing: the reader closed the connection."""
@@ -89,7 +70,7 @@ class LocalServer:
             UserError: The port is taken.
         """
         try:
-            self._server = _Server(port, _handler(files, posts))
+            self._server = _Server((HOST, port), _handler(files, posts))
         except OSError as error:
             raise UserError(
                 f"port {port} cannot be used ({error.strerror or error}); take another with --port."
@@ -137,10 +118,8 @@ def _handler(files: Files, posts: Mapping[str, Post]) -> type[BaseHTTPRequestHan
             if self.headers.get_content_type() != JSON:
                 raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"send {JSON}")
             length = self.headers.get("Content-Length", "")
-            if not (length.isascii() and length.isdecimal()):
-                raise _RefusedError(HTTPStatus.LENGTH_REQUIRED, "say how long the body is")
-            if len(length) > 9 or int(length) > MOST_BYTES:
-                why = f"a body may have {MOST_BYTES} bytes"
+            if not re.fullmatch(r"[0-9]{1,4}", length) or int(length) > MOST_BYTES:
+                why = f"a body may have {MOST_BYTES} bytes, and its length must be named"
                 raise _RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, why)
             return "application/octet-stream", answer(self.rfile.read(int(length)))
 
@@ -180,8 +159,8 @@ def _is_local(hosts: list[str]) -> bool:
     """Return whether exactly one Host header names this machine."""
     if len(hosts) != 1:
         return False
-    name, colon, port = hosts[0].partition(":")
-    return name.lower() in NAMES and (not colon or (port.isascii() and port.isdecimal()))
+    name, _, port = hosts[0].partition(":")
+    return name.lower() in NAMES and re.fullmatch(r"[0-9]*", port) is not None
 
 
 PATIENCE_S = 1.0
@@ -262,14 +241,6 @@ class PressPage(_Page):
         super().__init__(settings, answer, port)
 
 
-class _Next(BaseModel):
-    """The number of the last frame that a page has shown."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-    after: int = Field(ge=0, le=2**53)
-
-
 class WatchPage(_Page):
     """A page that shows the newest frame of a camera, and the answer of a model to it."""
 
@@ -307,10 +278,9 @@ class WatchPage(_Page):
             self._news.notify_all()
 
     def _next(self, body: bytes) -> bytes:
-        try:
-            after = _Next.model_validate_json(body).after
-        except ValidationError:
-            raise UserError("the request names no frame; load the page again.") from None
+        if not re.fullmatch(rb'\{"after": ?[0-9]{1,15}\}', body):
+            raise UserError("the request names no frame; load the page again.")
+        after = json.loads(body)["after"]
         with self._news:
             self._news.wait_for(lambda: self._number != after or self._ended, PATIENCE_S)
             if self._number != after:

@@ -51,10 +51,12 @@ from tactibench.report.tables import (
     duration,
     fixed,
     general,
+    is_share,
     metric_number,
     named,
     number,
     plural,
+    published_number,
     scaled,
     significant,
     span,
@@ -446,7 +448,7 @@ def published_table(paper: PublishedTable, protocol: str) -> Table | None:
         [
             row.model,
             row.regime,
-            *(_printed_number(row, m, g, digits[m]) for m, g in metrics),
+            *(published_number(row, m, g, digits[m]) for m, g in metrics),
             f"{row.n:,} {row.unit}" if row.n else None,
             *([_rate(row)] if rated else []),
             row.comparable,
@@ -465,17 +467,8 @@ def _rate(row: PublishedRow) -> str | None:
     return None if speed is None else f"{speed.phase} {speed.per_s:g}/s, {speed.hardware}"
 
 
-def _printed_number(row: PublishedRow, metric: str, group: str, digits: int) -> Number | None:
-    value = row.value(metric, group)
-    if value is None:
-        return None
-    digits = min(digits, row.decimals)
-    if metric == "coverage":
-        return Number(100 * value, f"{{:.{digits - 2}f}}".format)
-    return Number(value, f"{{:.{digits}f}}".format)
-
-
 def _printed_decimals(metric: str, rows: Sequence[PublishedRow]) -> int:
     """Return the decimals that a paper prints of a metric: the most that any value has."""
     values = [value for row in rows for value in row.metrics.get(metric, {}).values()]
-    return max((len(str(value).partition(".")[2]) for value in values), default=0)
+    digits = max((len(str(value).partition(".")[2]) for value in values), default=0)
+    return max(digits - 2, 0) if is_share(metric) else digits

@@ -178,7 +178,7 @@ def print_sweep(console: Console, states: Mapping[Cell, CellState], store: Path)
     for cell, state in states.items():
         if state.why:
             console.print(Text(f"{cell.label}: {state.why}"), soft_wrap=True)
-    counts = Counter(state.state for state in states.values())
+    counts: Counter[str] = Counter(state.state for state in states.values())
     parts = ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])
     console.print(Text(f"{plural(len(states), 'cell')}: {parts}; store {store}"), soft_wrap=True)
 
@@ -212,28 +212,23 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
     console.print(Text(text, style="dim"), soft_wrap=True)
 
 
-MOST_SHOWN = 20
-"""Most metrics out of tolerance that are printed; --json holds all."""
-
-
 def print_reproduction(console: Console, run: ReproducedRun) -> None:
-    """Print the metrics that decide, beside those of the record, and the others out of tolerance.
+    """Print the metrics that decide, beside those of the record, and how many others agree.
 
     Args:
         console: The console.
         run: A record and the run made again.
     """
-    outside = [one for one in run.metrics if not (one.within or one.decides)]
-    shown = [*(one for one in run.metrics if one.decides), *outside[:MOST_SHOWN]]
     rows = [
         (
             f"  {named(one.stated.metric, one.stated.unit)}",
             one.stated.group,
             *(_value(value, one) for value in (one.stated.value, one.value)),
             " to ".join(_value(end, one) for end in (one.low, one.high)),
-            ("" if one.within else "NO") if one.decides else "no (not decisive)",
+            "" if one.within else "NO",
         )
-        for one in shown
+        for one in run.metrics
+        if one.decides
     ]
     verb = "REPRODUCED" if run.reproduced else "NOT REPRODUCED"
     console.print(Text(f"{verb} {run.path.name}", style="bold"), soft_wrap=True)

@@ -15,11 +15,9 @@ from tactibench.metrics import condition
 from tactibench.protocols import (
     Axis,
     BoardSpec,
-    PublishedRow,
     PublishedTable,
     RunTable,
     board_spec,
-    family_of,
     rows_for,
 )
 from tactibench.records import Metric, Record, SpeedRow, measured_on
@@ -27,7 +25,6 @@ from tactibench.report.tables import (
     HEADS,
     NAMES,
     NO_INTERVAL,
-    PERCENT,
     Cell,
     Column,
     Head,
@@ -36,12 +33,12 @@ from tactibench.report.tables import (
     duration,
     fixed,
     general,
-    is_share,
     metric_number,
     named,
     number,
     plural,
     print_table,
+    published_number,
     significant,
     span,
     table,
@@ -253,12 +250,11 @@ def print_run(
         console.print(Text(line))
     for note in filter(None, (spec.note, *_comparability(record, published))):
         console.print(Text(note, style="dim"))
-    further = [_further_metrics(record, spec, test) for test in ("", *spec.apart)]
-    for shown in further:
-        if shown.rows:
-            console.print()
-            print_table(console, shown)
-    if any(map(lacks_interval, (*main, *further))):
+    further = _further_metrics(record, spec)
+    if further.rows:
+        console.print()
+        print_table(console, further)
+    if any(map(lacks_interval, (*main, further))):
         console.print(Text(NO_INTERVAL_NOTE, style="dim"))
     _print_speed(console, record, published)
     console.print()
@@ -318,23 +314,11 @@ def _published_tables(
                 f"published: {row.label}, {row.source.split(',')[0]}{count}; {paper.measured_on} "
                 f"({paper.name} {paper.year})"
             )
-            yield table(names, _printed_rows(run_table, row), title=title)
-
-
-def _printed_rows(run_table: RunTable, row: PublishedRow) -> list[list[Cell]]:
-    """Return the values of a paper, with no more digits than the paper or the column has."""
-    rows: list[list[Cell]] = []
-    for group in run_table.groups:
-        cells: list[Cell] = []
-        for name, decimals in run_table.metrics.items():
-            value, share = row.value(name, group), is_share(name)
-            printed = max(row.decimals - 2, 0) if share else row.decimals
-            write = fixed(min(printed, decimals))
-            scale = PERCENT if share else 1.0
-            cells.append(None if value is None else Number(scale * value, write))
-        if any(cells):
-            rows.append([group, *cells])
-    return rows
+            rows: list[list[Cell]] = [
+                [group, *(published_number(row, m, group, d) for m, d in run_table.metrics.items())]
+                for group in run_table.groups
+            ]
+            yield table(names, rows, title=title)
 
 
 def _comparability(record: Record, published: Sequence[PublishedTable]) -> Iterable[str]:
@@ -352,37 +336,21 @@ def _comparability(record: Record, published: Sequence[PublishedTable]) -> Itera
     return dict.fromkeys(reasons)
 
 
-def _further_metrics(record: Record, spec: BoardSpec, test: str) -> Table:
-    """Return a table of every metric that no main table shows, with its counts.
-
-    Args:
-        record: Record of the run.
-        spec: Tables of the protocol.
-        test: Name of a test scored apart, which is left out of its groups; "": the main test.
-    """
-    groups = {m.group: m.group for m in record.metrics if family_of(m.group) not in spec.apart}
-    if test:
-        of_test = {m.group for m in record.metrics if family_of(m.group) == test}
-        groups = {name: name.removeprefix(test).removeprefix(":") or "all" for name in of_test}
-    metrics = [
-        metric
+def _further_metrics(record: Record, spec: BoardSpec) -> Table:
+    """Return a table of every metric that no main table shows, with its counts."""
+    rows: list[list[Cell]] = [
+        [
+            named(metric.metric, metric.unit),
+            metric.group,
+            metric_cell(metric, DECIMALS.get(metric.unit, 3)),
+            f"{metric.n:,}",
+            f"{metric.clusters:,}",
+        ]
         for metric in record.metrics
-        if metric.group in groups and _is_further(metric, record, spec.run_tables)
+        if _is_further(metric, record, spec.run_tables)
     ]
-    grouped = any(groups[metric.group] != "all" for metric in metrics)
-    rows: list[list[Cell]] = []
-    last = ""
-    for metric in metrics:
-        name = "" if metric.metric == last else named(metric.metric, metric.unit)
-        value = metric_cell(metric, DECIMALS.get(metric.unit, 3))
-        group = (groups[metric.group],) if grouped else ()
-        rows.append([name, *group, value, f"{metric.n:,}", f"{metric.clusters:,}"])
-        last = metric.metric
-    group_head = ("of",) if grouped else ()
     counts = (Column("n"), Column("presses"))
-    title = f"Also measured, {test}" if test else "Also measured"
-    heads: list[Head] = [title, *group_head, "value [95 % interval]", *counts]
-    return table(heads, rows)
+    return table(["Also measured", "of", "value [95 % interval]", *counts], rows)
 
 
 def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> bool:

@@ -22,6 +22,7 @@ from tactibench.metrics import find_metric
 
 if TYPE_CHECKING:
     from tactibench.board import PooledMetric
+    from tactibench.protocols import PublishedRow
     from tactibench.records import Metric
 
 MISSING = "n/a"
@@ -178,6 +179,16 @@ def metric_number(
     low, high = (None if end is None else end * scale for end in (metric.low, metric.high))
     shown = (low, high) if interval else None
     return Number(metric.value * scale, fixed(decimals), shown, metric.censored or "", below)
+
+
+def published_number(row: PublishedRow, metric: str, group: str, decimals: int) -> Number | None:
+    """Return a value of a paper, with no more digits than the paper or the column has."""
+    value = row.value(metric, group)
+    if value is None:
+        return None
+    if is_share(metric):
+        return Number(PERCENT * value, fixed(min(max(row.decimals - 2, 0), decimals)))
+    return Number(value, fixed(min(row.decimals, decimals)))
 
 
 def print_table(console: Console, table: Table) -> None:

@@ -103,12 +103,9 @@ def test_a_post_of_another_page_is_refused(server: LocalServer) -> None:
         assert post(server, b"abc", Content_Type=kind)[0] == 415
 
 
-@pytest.mark.parametrize(
-    ("length", "status"),
-    [(str(MOST_BYTES + 1), 413), ("9" * 40, 413), ("-1", 411), ("1e3", 411), ("", 411), ("²", 411)],
-)
-def test_a_body_is_bounded_before_it_is_read(server: LocalServer, length: str, status: int) -> None:
-    assert post(server, b"", Content_Length=length.encode("latin-1"))[0] == status
+@pytest.mark.parametrize("length", [str(MOST_BYTES + 1), "9" * 40, "-1", "1e3", "", "²"])
+def test_a_body_is_bounded_before_it_is_read(server: LocalServer, length: str) -> None:
+    assert post(server, b"", Content_Length=length.encode("latin-1"))[0] == 413
 
 
 def test_every_answer_says_what_a_browser_may_do_with_it(server: LocalServer) -> None:

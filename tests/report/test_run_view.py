@@ -100,7 +100,7 @@ def test_a_model_that_resolves_nothing_shows_na_and_its_misses(
 
 
 def test_a_censored_threshold_is_a_limit(row: Any, record: Any, render: Any) -> None:
-    assert re.search(r"two-point threshold \(75 %\), mm +< 6\.5 ", render(record("exp2")))
+    assert re.search(r"two-point threshold \(75 %\), mm +all +< 6\.5 ", render(record("exp2")))
     bound = row("threshold_mm", "all", 12.0, censored=">")
     assert str(metric_number(bound, 1)) == "> 12.0"
 
