@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,6 @@ from tactibench.datasets import (
     Writer,
     export_dataset,
     is_dataset,
-    new_folder,
     open_dataset,
 )
 
@@ -137,22 +134,6 @@ def test_an_interrupted_export_leaves_nothing(
     assert names(tmp_path) == []
 
 
-def test_a_place_that_was_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
-    (tmp_path / "source").mkdir()
-    target = tmp_path / "out"
-
-    def meanwhile() -> None:
-        with new_folder(target, tmp_path / "source") as folder:
-            (folder / "ours").write_text("ours")
-            target.mkdir()
-            (target / "theirs").write_text("theirs")
-
-    with pytest.raises(OSError, match="not empty"):
-        meanwhile()
-    assert names(tmp_path) == ["out", "source"]
-    assert names(target) == ["theirs"]
-
-
 def test_an_empty_folder_is_taken_and_splits_are_files_of_their_own(tmp_path: Path) -> None:
     folder = write_taps(tmp_path / "v1").folder
     (folder / "splits/other.json").write_text('{"train": [0], "validation": [], "test": []}')
@@ -180,71 +161,41 @@ def test_without_pyarrow_it_says_what_to_install(
     assert [p.name for p in tmp_path.iterdir()] == ["v1"]
 
 
-Run = Callable[..., Any]
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Run:
-    """Run code of a package on FOLDER in a process of its own; return what it sets as ``found``."""
-
-    def run_code(package: str, code: str, folder: Path) -> Any:
-        if importlib.util.find_spec(package) is None:
-            pytest.skip(f"{package} is not installed")
-        offline = {
-            "HF_HUB_OFFLINE": "1",
-            "HF_DATASETS_OFFLINE": "1",
-            "HF_HOME": str(tmp_path / "hf"),
-            "PYTHONWARNINGS": "ignore",
-        }
-        program = f"FOLDER = {str(folder)!r}\n{code}\nimport json; print(json.dumps(found))"
-        done = subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, **offline},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout.splitlines()[-1])
-
-    return run_code
-
-
 LOADED = """
+import json, sys
 import numpy, datasets
 found = {part: [{**row, "image": numpy.asarray(row["image"]).tolist()} for row in rows]
-         for part, rows in datasets.load_dataset(FOLDER).items()}
+         for part, rows in datasets.load_dataset(sys.argv[1]).items()}
+print(json.dumps(found))
 """
 
 
-def check(rows: list[dict[str, Any]], dataset: Dataset, samples: Any) -> None:
-    """Rows as ``datasets`` gives them against the samples."""
-    for row, sample in zip(rows, samples, strict=True):
-        assert row["id"] == sample.id
-        assert row["image"] == dataset.signal(sample).tolist()
-        contacts = dataset.contacts(sample)
-        assert contacts is not None
-        assert row["contacts_xy_mm"] == contacts.xy.tolist()
-        assert row["contacts_depth_mm"] == contacts.depth.tolist()
-        assert row["labels"] == sample.labels
-        assert row["press"] == sample.press
-        assert row["t_frame_ns"] == sample.t_frame_ns
+def loaded(folder: Path, home: Path) -> dict[str, list[dict[str, Any]]]:
+    """The rows of a folder as the library ``datasets`` gives them, in a process of its own."""
+    offline = {"HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1", "HF_HOME": str(home)}
+    command = [sys.executable, "-W", "ignore", "-c", LOADED, str(folder)]
+    done = subprocess.run(
+        command, env={**os.environ, **offline}, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    rows: dict[str, list[dict[str, Any]]] = json.loads(done.stdout.splitlines()[-1])
+    return rows
 
 
 @pytest.mark.slow
-def test_a_data_set_is_an_image_folder(run: Run, tmp_path: Path) -> None:
-    dataset = write_taps(tmp_path / "v1")
-    found = run("datasets", LOADED, dataset.folder)
-    assert list(found) == ["train"]
-    check(found["train"], dataset, dataset.samples)
-
-
-@pytest.mark.slow
-def test_parquet_files_show_images(run: Run, tmp_path: Path) -> None:
+def test_hugging_face_reads_a_data_set_and_its_export(tmp_path: Path) -> None:
+    pytest.importorskip("datasets", reason="datasets is not installed")
     dataset = write_taps(tmp_path / "v1")
     export = export_dataset(dataset, tmp_path / "out")
-    found = run("datasets", LOADED, export.path)
-    assert list(found) == ["test", "unassigned"]
-    check(found["test"], dataset, dataset.samples[:2])
-    check(found["unassigned"], dataset, dataset.samples[2:])
+    folder = loaded(dataset.folder, tmp_path / "hf")
+    parquet = loaded(export.path, tmp_path / "hf")
+    assert (list(folder), list(parquet)) == (["train"], ["test", "unassigned"])
+    for rows in (folder["train"], [*parquet["test"], *parquet["unassigned"]]):
+        for row, sample in zip(rows, dataset.samples, strict=True):
+            contacts = dataset.contacts(sample)
+            assert contacts is not None
+            assert row["image"] == dataset.signal(sample).tolist()
+            assert row["contacts_xy_mm"] == contacts.xy.tolist()
+            assert row["labels"] == sample.labels
+            for key in ("id", "press", "t_frame_ns"):
+                assert row[key] == getattr(sample, key)

@@ -46,14 +46,6 @@ def test_a_value_that_is_not_finite_is_counted_and_refused(name: str, bad: float
         INTERVALS[name](values)
 
 
-@pytest.mark.parametrize("value", [0.0, 1e-300, 1e150])
-def test_equal_values_have_an_interval_without_width(value: float) -> None:
-    found = mean_interval(np.full(8, value), PRESS)
-    assert found.value == pytest.approx(value, rel=1e-12)
-    assert found.low == pytest.approx(value, rel=1e-9)
-    assert found.high == pytest.approx(value, rel=1e-9)
-
-
 def test_resamples_without_a_value_are_counted_not_averaged() -> None:
     """Half of the resamples give NaN: no interval is made of the other half."""
 

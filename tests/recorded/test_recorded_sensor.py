@@ -105,23 +105,6 @@ def test_description_is_json_and_its_hash_covers_every_byte(recording, open_reco
     assert before["sha256"] == digest.hexdigest()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "size"), [("331", [360, 360]), ("127", [256, 256])])
-def test_public_recordings(tac_vgnn, open_recording, name, size):
-    sensor = open_recording(tac_vgnn / name)
-    scenes = sensor.scenes()
-    assert len(scenes) == 5000
-    assert next(iter(scenes)) == "frame_0_0.png"
-    assert sensor.describe()["image"] == size
-    assert sensor.rest().image.shape == tuple(size)
-    poses = [scene.pose for scene in scenes.values()]
-    assert 1.0 <= min(p.depth for p in poses) <= max(p.depth for p in poses) <= 5.0
-    assert max(abs(p.tilt) for p in poses) <= 20.0
-    frames = list(sensor.frames(list(scenes)[::500]))
-    assert [frame.timestamp for frame in frames] == list(range(0, 5000, 500))
-    assert {frame.image.shape for frame in frames} == {tuple(size)}
-
-
 def test_trust_in_labels_is_part_of_frames_only_where_it_is_given() -> None:
     """The default refuses and changes no frame: recordings of before keep their identity."""
     from tactibench.frames import sensor_identity

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawn_pins import hexagon
 
 from tactibench import Contacts, Frame, Pose
 from tactibench.superposition import Field
@@ -12,19 +13,8 @@ RANGE_MM = ((-6.0, -6.0, 0.5), (6.0, 6.0, 5.0))
 WIDTH_MM = 3.5
 
 
-def hexagon(rings=4, pitch=8.0):
-    """(61, 2) px: rows of pins from the top down, around the middle of the frame."""
-    places = [
-        (pitch * (i + j / 2), pitch * j * np.sqrt(3) / 2)
-        for i in range(-rings, rings + 1)
-        for j in range(-rings, rings + 1)
-        if abs(i + j) <= rings
-    ]
-    rows = sorted(places, key=lambda xy: (round(xy[1], 6), xy[0]))
-    return np.array(rows) + (SIZE - 1) / 2
-
-
-REST = hexagon()
+REST = hexagon(4, 8.0, (SIZE - 1) / 2)
+"""(61, 2) px: rows of pins from the top down, around the middle of the frame."""
 
 
 def push(contacts):

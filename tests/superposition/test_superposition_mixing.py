@@ -104,10 +104,6 @@ def test_the_same_rng_the_same_frames(singles, mixed):
     assert_same(mixed, made(singles))
     other = made(singles, 3, seed=4)
     assert any((a.image != b.image).any() for a, b in zip(mixed[0], other[0], strict=False))
-    rng = np.random.default_rng(3)
-    mix(*singles, 2, rng)
-    first = mix(*singles, 2, rng)
-    assert not np.array_equal(first[1][0].xy, mixed[1][0].xy), "the generator goes on"
 
 
 def test_the_pins_stand_where_the_fields_add_up(singles, push_pins):

@@ -24,11 +24,6 @@ def rest_pins():
 
 
 @pytest.fixture(scope="session")
-def draw_pins():
-    return draw
-
-
-@pytest.fixture(scope="session")
 def push_pins():
     return pushed
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tac_vgnn import tac_vgnn_folder
 
-from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench import UserError
 from tactibench.datasets import (
     EXPONENT,
     ImportOptions,
@@ -68,7 +68,7 @@ def test_shear_is_taken_out():
 
 def test_the_stated_scatter_is_the_scatter():
     fits = []
-    for seed in range(16):
+    for seed in range(12):
         depth, tilt, rng = presses(250, seed)
         spread = depth**EXPONENT * np.exp(rng.normal(0, 0.02, len(depth)))
         fits.append(fit_pivot(spread, label(depth, tilt, 5, 20), tilt))
@@ -160,41 +160,13 @@ def test_an_even_shift_of_all_pins_is_no_spread():
     np.testing.assert_allclose(spread_of(2 * square), [2.0])
 
 
-@pytest.fixture(scope="module")
-def simulated():
-    """Spreads of simulated plate presses of known depth and tilt."""
-    from tactibench.markers import Tracker
-    from tactibench.plugins import PluginHost
-
-    spec = PluginHost().sensors["tactip-331"]
-    depth, tilt, _ = presses(120, 3)
-    sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({"size": "256"}))
-    scenes = [
-        Scene(Indenter.plate(), Pose(tilt=t, depth=d))
-        for d, t in zip(depth.tolist(), tilt.tolist(), strict=True)
-    ]
-    with sensor:
-        tracker = Tracker(sensor.rest().image)
-        images = np.stack([frame.image for frame in sensor.press_many(scenes)])
-    return spread_of(tracker.track(images).xy - tracker.rest), depth, tilt
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("pivot", [0.0, 20.0])
-def test_simulated_plates(simulated, pivot):
-    spread, depth, tilt = simulated
-    fit = fit_pivot(spread, label(depth, tilt, 5, pivot), tilt)
-    assert abs(fit.offset_mm - 5) < 2 * fit.offset_std < 0.25
-    assert abs(fit.pivot_mm - pivot) < 2 * fit.pivot_std < 5
-
-
 @pytest.mark.parametrize(
     ("name", "pivot"), [pytest.param("331", 20.0, marks=pytest.mark.long), ("127", 0.0)]
 )
 def test_public_recordings(name, pivot, monkeypatch):
-    monkeypatch.setattr(pivot_module, "MOST", 150)
+    monkeypatch.setattr(pivot_module, "MOST", 100)
     recording = open_recording(tac_vgnn_folder(name))
-    assert presses_to_fit(recording) == 150
+    assert presses_to_fit(recording) == 100
     fit = fit_recording(recording, ImportOptions())
     assert fit.pivot.offset_mm == pytest.approx(5.0, abs=0.2)
     assert fit.pivot.pivot_mm == pytest.approx(pivot, abs=3)
