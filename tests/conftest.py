@@ -8,12 +8,14 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from tactibench.protocols import LoadedProtocol
     from tactibench.records import Record
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # processes that each take all cores stall each other
@@ -67,6 +69,14 @@ def metric(name: str, group: str, value: float | None, **more: Any) -> dict[str,
     return {**base, "unit": unit, "better": "lower", **more}
 
 
+@cache
+def shipped_protocol(name: str) -> LoadedProtocol:
+    """A protocol that ships, read once."""
+    from tactibench.protocols import load_protocol
+
+    return load_protocol(name)
+
+
 def fabricated(
     protocol: str = "exp1",
     model: str = "unet",
@@ -85,10 +95,9 @@ def fabricated(
 ) -> Record:
     """A valid record. protocol: its id. error: of the metric
     that orders the board; settings, sensor: parameters that are not at their defaults."""
-    from tactibench.protocols import load_protocol
     from tactibench.records import Record
 
-    loaded = load_protocol(protocol)
+    loaded = shipped_protocol(protocol)
     label = [_labelled(model, settings), _labelled("tactip-127", sensor)]
     name = f"{loaded.spec.id}-{model}-{regime}-s{seed}-{hash_of([label, encoder, machine, more])}"
     rows = [

@@ -88,7 +88,7 @@ def subject_of(
     strange += [f"--param {other}.NAME" for other in given if other not in fitting]
     if strange:
         raise UserError(
-            f"{strange[0]} does not belong to the check of a {kind}; leave it out, or name another "
+            f"{strange[0]} does not belong to the check of {kind}s; leave it out, or name another "
             "--kind."
         )
     spec = host.catalogue(kind)[name]

@@ -68,17 +68,6 @@ def test_errors_press_by_press_are_those_of_each_test(tmp_path: Path) -> None:
         assert one.error.tolist() == other.error.tolist()
 
 
-def test_a_protocol_without_such_tests_has_none() -> None:
-    truth, seen = answered(np.random.default_rng(1))
-    plain = load_protocol("exp2").spec
-    main = np.array([":" not in group for group in GROUPS])
-    contacts = np.repeat(main, truth["count"])
-    kept = {n: a[main if n in ("count", "press", "group") else contacts] for n, a in truth.items()}
-    guess = np.repeat(main, seen["count"])
-    found = {n: a[main if n == "count" else guess] for n, a in seen.items()}
-    assert set(ranked_errors(plain, kept, found)) == {"ranked.press", "ranked.error"}
-
-
 def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
     """The best on the nominal sensor is the worst on others."""
     rng = np.random.default_rng(2)

@@ -29,7 +29,6 @@ from tactibench.report import (
     limit_figure,
     limit_remarks,
     limit_table,
-    micrometres,
     spacing_remarks,
     spacing_table,
     terminal_text,
@@ -166,20 +165,6 @@ def test_a_bound_beyond_the_dome_is_none() -> None:
 
     scene = Scene(Indenter.dual(4.0), Pose(depth=2))
     assert limits_of(Rounded(), scene, ()) == pytest.approx([np.inf, 1e-3, 1e-3, np.inf])
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.000834, "0.834"),
-        (0.0129, "12.9"),
-        (1.48, "1,480"),
-        (float("inf"), "inf"),
-        (2.5e-6, "0.00250"),
-    ],
-)
-def test_micrometres_have_three_digits(value: float, text: str) -> None:
-    assert micrometres(value) == text
 
 
 def test_the_table_names_what_is_left_out() -> None:

@@ -272,17 +272,11 @@ def test_answers_that_do_not_hold(submitted, source, change, words) -> None:
 def test_missing_and_damaged_files(submitted, source, tmp_path) -> None:
     path = submitted()
     place = answers_file(path)
-    whole = place.read_bytes()
-    place.write_bytes(whole[:200])
+    place.write_bytes(place.read_bytes()[:200])
     with pytest.raises(UserError, match="is no archive of arrays"):
         verify(path, source)
     place.unlink()
     with pytest.raises(UserError, match=r"npz is missing: the answers belong beside"):
-        verify(path, source)
-    elsewhere = tmp_path / "elsewhere.npz"
-    elsewhere.write_bytes(whole)
-    place.symlink_to(elsewhere)
-    with pytest.raises(UserError, match="is missing: the answers belong beside"):
         verify(path, source)
     with pytest.raises(UserError, match="does not exist"):
         verify(tmp_path / "nothing.json", source)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tactibench import Contacts, UserError
 from tactibench.metrics import NOT_FINITE, RAISED, Trials, ospa
 from tactibench.metrics.registry import score
-from tactibench.protocols import Axis, case, family_of
+from tactibench.protocols import Axis
 from tactibench.records import Metric
 
 AXIS = Axis("shift", "camera", "px", "rising", 0.0, (1.0, 2.0), "plain:0")
@@ -58,13 +58,6 @@ def rows(made: Trials, *names: str) -> dict[tuple[str, str], Metric]:
     return {(row.metric, row.group): row for row in found}
 
 
-def test_cases_have_names_that_say_family_and_value() -> None:
-    assert case("grazing", 0.05) == "grazing:0.05"
-    assert case("many", 6.0) == "many:6"
-    assert family_of("gain-drift:0.1") == "gain-drift"
-    assert AXIS.groups == ("shift:1", "shift:2")
-
-
 @given(st.integers(0, 3), st.integers(0, 3), st.integers(0, 2**32))
 def test_ospa_against_all_assignments(n: int, m: int, seed: int) -> None:
     rng, gate = np.random.default_rng(seed), 3.0
@@ -93,18 +86,6 @@ def test_ospa_needs_a_gate() -> None:
         ospa(trials({"plain:0": [0.1]}, gate=np.inf))
 
 
-def test_no_omission_and_no_invention_improves_ospa() -> None:
-    truth = contacts((0, 0, 2), (5, 0, 2))
-    whole = (
-        contacts((0, 0, 2), (5, 0, 2)),
-        contacts((0, 0, 2)),
-        contacts(),
-        contacts((0, 0, 2), (5, 0, 2), (-5, 0, 2)),
-    )
-    made = Trials((truth,) * 4, whole, np.arange(4), ("all",) * 4)
-    assert ospa(made).values.tolist() == [0.0, 1.5, 3.0, 1.0]
-
-
 def test_ratio_and_doubling_of_known_errors() -> None:
     found = rows(trials({"plain:0": [0.1] * 9, "shift:1": [0.15] * 9, "shift:2": [0.25] * 9}))
     assert found["ospa_mm", "shift:1"].value == pytest.approx(0.15)
@@ -128,23 +109,6 @@ def test_an_error_that_does_not_double_is_censored_and_one_without_cases_is_none
     assert some["error_ratio", "shift:1"].value is None
     without = rows(trials({"shift:2": [0.5] * 9}))
     assert without["worst_ratio", "all"].value is None
-
-
-def test_false_contacts_are_those_of_empty_frames() -> None:
-    nothing, one = contacts(), contacts((0, 0, 2))
-    made = Trials(
-        (nothing,) * 200 + (one,),
-        (nothing,) * 199 + (one, one),
-        np.arange(201),
-        ("empty:0",) * 200 + ("plain:0",),
-        axes=(EMPTY,),
-    )
-    row = rows(made, "false_per_1000")["false_per_1000", "all"]
-    assert (row.value, row.n, row.unit) == (5.0, 200, "per 1,000 frames")
-    none = Trials((nothing,) * 1000, (nothing,) * 1000, np.arange(1000), ("empty:0",) * 1000)
-    assert rows(none, "false_per_1000")["false_per_1000", "all"].high == pytest.approx(
-        -np.log(0.025)
-    )
 
 
 def test_false_contacts_under_faults_stand_apart() -> None:

@@ -123,16 +123,6 @@ def test_no_predictions_at_all(source, table, request):
             assert row.n == 0
 
 
-def test_frames_without_a_true_contact():
-    none, one = Contacts.none(), Contacts([[0, 0]], [1], [0.5])
-    trials = Trials((none,) * 4, (none, one, one, none), np.arange(4), ("dual",) * 4)
-    found = {r.metric: r for r in score(list(EXP3), trials, rng=rng()) if r.group == "all"}
-    assert found["missed"].value is None
-    assert found["spurious"].value == 0.5
-    assert found["gospa1_mm"].value == pytest.approx(0.75)
-    assert found["position_mean_mm"].value is None
-
-
 def test_no_trials_at_all_give_rows_without_values():
     rows = score(list(EXP1) + list(EXP3), Trials((), (), [], ()), rng=rng())
     assert {(r.value, r.n, r.clusters) for r in rows} == {(None, 0, 0)}

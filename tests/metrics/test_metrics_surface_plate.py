@@ -104,14 +104,6 @@ def test_plates_against_plain_loops():
     )
 
 
-def test_plates_without_answers():
-    trials = PlateTrials((PlatePose(1, 2),) * 4, (None,) * 4, np.arange(4))
-    rows = {r.metric: r for r in score(PLATE, trials, rng=np.random.default_rng(0))}
-    assert rows["coverage"].value == 0
-    assert rows["coverage"].high > 0.2
-    assert (rows["tilt_mae_deg"].value, rows["tilt_mae_deg"].n) == (None, 0)
-
-
 @pytest.mark.parametrize("bad", [PlatePose(float("nan"), 0), PlatePose(1, float("inf"))])
 def test_a_plate_that_is_not_finite_is_refused(bad):
     with pytest.raises(ValueError, match="not finite"):

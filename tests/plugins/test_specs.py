@@ -26,11 +26,6 @@ NOISE = Parameter("noise", True, "noise on or off")
 WORD = Parameter("recipe", "default", "recipe", choices=("default", "paper"))
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False))
-def test_numbers_are_read_exactly(value: float) -> None:
-    assert RATE.parse(repr(value)) == value
-
-
 @given(st.integers().filter(lambda n: not 1 <= n <= 64))
 def test_whole_numbers_out_of_range_are_refused(value: int) -> None:
     with pytest.raises(UserError, match=r"'width' is -?\d+; it must be [<>]= (1|64)\.$"):

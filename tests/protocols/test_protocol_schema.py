@@ -78,20 +78,6 @@ def test_every_table_refuses_a_misspelt_key_with_the_right_one(
     assert checked > 20
 
 
-def test_every_required_key_is_asked_for(read_tables: Read, exp2: dict[str, Any]) -> None:
-    optional = {"draws", "split", "recorded", "count", "per_distance", "distances_mm", "side_mm"}
-    optional |= {"heights_mm", "catch", "tables", "tip_count", "apart_mm", "psychometric"}
-    optional |= {"apart", "instances"}
-    for where in list(places(exp2)):
-        if where[-1] in optional or (where[0] == "regimes" and len(where) > 1):
-            continue
-        broken = copy.deepcopy(exp2)
-        del inside(broken, where[:-1])[where[-1]]
-        text = sentence(read_tables, broken)
-        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in where)
-        assert f"the key {key!r} is missing" in text
-
-
 @pytest.mark.parametrize("wrong", ["x y", 1.5, []])
 def test_a_value_of_the_wrong_kind_is_shown(
     read_tables: Read, exp2: dict[str, Any], wrong: Any

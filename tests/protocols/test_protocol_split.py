@@ -46,14 +46,6 @@ def test_drawn_presses_are_divided_completely(
     assert split_presses(fit + validation + test, split, seed) == parts
 
 
-def test_the_split_is_seeded_and_mixes() -> None:
-    split = Split(draw="singles", test=1000, validation=400)
-    parts = split_presses(5000, split, 1)
-    assert split_presses(5000, split, 2) != parts
-    # 1,000 of 5,000 drawn without looking: mean index 2499.5, standard error 41.
-    assert abs(np.mean(parts.test) - 2499.5) < 4 * 41
-
-
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 200), st.integers(0, 2**63))
 def test_recorded_presses_are_divided_completely_or_refused(count: int, seed: int) -> None:

@@ -52,18 +52,6 @@ def test_printed_values_have_no_more_digits_than_declared():
                 assert all(round(v, r.decimals) == v for v in values.values())
 
 
-def test_exp3_keeps_the_two_dual_sets_apart(tactiverse):
-    dual = [r for r in rows_for("exp3", tactiverse) if r.value("position_mean_mm", "dual")]
-    single = {r.n: r.value("position_mean_mm", "dual") for r in dual if r.regime == "single"}
-    assert single == {725: 2.24, 908: 0.408}
-    assert len(rows_for("exp3", tactiverse)) == 5
-
-
-def test_a_value_the_paper_does_not_print_is_none(tactiverse):
-    assert row(tactiverse, "exp2", "U-Net").value("resolved", "all") is None
-    assert rows_for("surface", tactiverse) == ()
-
-
 def test_tac_vgnn_figures_are_those_of_the_released_predictions():
     data = Path(os.environ.get("TACTIBENCH_TACVGNN", ROOT.parent / "shared/data/tac-vgnn"))
     if not (data / "published_prediction.csv").is_file():

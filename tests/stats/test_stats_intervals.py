@@ -117,11 +117,6 @@ def test_a_share_of_something_else_is_refused():
         share_interval([0.5, 1.0], np.arange(2))
 
 
-def test_a_rate_with_events_is_a_mean():
-    counts, press = np.random.default_rng(6).poisson(0.3, 200), np.arange(200)
-    assert rate_interval(counts, press) == mean_interval(counts, press, floor=0.0)
-
-
 def test_clustered_t_covers_where_the_naive_interval_does_not():
     correlation, count = 0.3, 10
     rng, frames, runs = np.random.default_rng(7), 20, 800

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -172,21 +171,6 @@ def test_a_run_of_another_machine_counts_where_any_may_run_it(
     (here,) = plan_requests([request], place)
     (anywhere,) = plan_requests([request], replace(place, any_machine=True))
     assert (here.state, anywhere.state, anywhere.name) == ("to do", "in the store", "elsewhere")
-
-
-def test_a_run_that_cannot_be_read_is_to_do_again(stored: tuple[Any, Storage, Path]) -> None:
-    request, place, file = stored
-    name = file.parent.name
-    whole = file.read_bytes()
-    for spoilt in (b"", whole[: len(whole) // 2]):
-        file.write_bytes(spoilt)
-        (planned,) = plan_requests([request], place)
-        assert (planned.state, planned.name) == ("to do", name)
-    state = run_cell(request, place)
-    assert (state.name, state.why) == (name, "")
-    (planned,) = plan_requests([request], place)
-    assert planned.state == "in the store"
-    assert json.loads(file.read_text())["name"] == name
 
 
 def test_cells_that_come_to_the_same_run_are_one(

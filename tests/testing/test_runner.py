@@ -158,7 +158,7 @@ def test_what_a_class_expects_of_itself_is_read(host: Any, target: Any) -> None:
             "encoder",
             "good_encoder",
             {"sensor": "good_sensor"},
-            "--sensor does not belong to the check of a encoder",
+            "--sensor does not belong to the check of encoders",
         ),
     ],
 )
