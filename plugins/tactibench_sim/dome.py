@@ -190,7 +190,7 @@ class TableMechanics:
         fields = _joined(
             loads, lambda part: np.stack(_displace(part, part.splines.base, at), axis=1)
         )
-        return fields[:, 0], fields[:, 1]
+        return plain(fields[:, 0]), plain(fields[:, 1])  # loops that add to them take no other
 
     def pin_tips(self, loads: tuple[Loads, ...], directions: Array, length: float) -> Array:
         """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""

@@ -36,7 +36,8 @@ def layout(hexagon):
 
 @pytest.fixture
 def pins_of(drawn):
-    return lambda places: PinTracker(drawn(places, 4.0, SIZE, soft=True))
+    """Pins of sharp discs, to which nothing is fitted: that takes a second a sensor."""
+    return lambda places, soft=False: PinTracker(drawn(places, 4.0, SIZE, soft=soft))
 
 
 def test_a_similarity_is_a_turn_a_stretch_and_a_shift():
@@ -49,7 +50,7 @@ def test_a_similarity_is_a_turn_a_stretch_and_a_shift():
 def test_a_turned_nearer_camera_sees_the_same_displacements(layout, pins_of, drawn):
     rng, view = np.random.default_rng(1), turned()
     step = rng.uniform(-3, 3, layout.shape)
-    aligned = AlignedPins(pins_of(view(layout)), layout)
+    aligned = AlignedPins(pins_of(view(layout), soft=True), layout)
     image = drawn(view(layout + step), 4.0, SIZE, soft=True)[None]
     moved, sure = aligned.track(image)
     assert sure.all()
@@ -63,7 +64,7 @@ def test_a_turned_nearer_camera_sees_the_same_displacements(layout, pins_of, dra
 @pytest.mark.parametrize("degrees", [-20, 9])
 def test_a_turn_of_the_camera_is_found(layout, pins_of, degrees):
     aligned = AlignedPins(pins_of(turned(degrees)(layout)), layout)
-    np.testing.assert_allclose(aligned.view(layout), turned(degrees)(layout), atol=0.05)
+    np.testing.assert_allclose(aligned.view(layout), turned(degrees)(layout), atol=0.1)
 
 
 def test_a_pin_without_a_tip_is_not_sure(layout, pins_of):
@@ -182,6 +183,7 @@ def test_a_remounted_camera_shows_the_same_images(small_layout, draw, degrees, s
     assert difference(still, draw(small_layout)) < most
 
 
+@pytest.mark.long
 def test_frames_of_another_size_are_seen_at_the_same_place(small_layout, draw):
     """Pixels' centres are places: the middle of the first pixel of a frame of half the size."""
     view = Similarity.of(np.array([2.0, 1.0]), np.radians(3), 0.0, np.full(2, SIDE / 2))

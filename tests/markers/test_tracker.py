@@ -27,6 +27,12 @@ def hexagon():
 
 
 @pytest.fixture(scope="module")
+def few_pins():
+    """37 pins in a frame of 100 px: discs are fitted to them fast."""
+    return drawn_pins.hexagon(3, 13.0, 50.0)
+
+
+@pytest.fixture(scope="module")
 def tracker(hexagon, sketch):
     return Tracker(sketch(hexagon))
 
@@ -55,9 +61,9 @@ def nearest(places, true):
 
 
 @pytest.mark.parametrize(("soft", "tolerance"), [(True, 0.02), (False, 0.25)])
-def test_pins_at_rest_are_where_discs_were_drawn(drawn, hexagon, soft, tolerance) -> None:
-    true = hexagon + np.random.default_rng(1).uniform(-0.5, 0.5, hexagon.shape)
-    image = drawn(true, 3.7, 200, soft=soft)
+def test_pins_at_rest_are_where_discs_were_drawn(drawn, few_pins, soft, tolerance) -> None:
+    true = few_pins + np.random.default_rng(1).uniform(-0.5, 0.5, few_pins.shape)
+    image = drawn(true, 3.7, 100, soft=soft)
     if not soft:
         image = np.where(image > 100, 255, 0).astype(np.uint8)
     assert nearest(Tracker(image).rest, true).max() < tolerance
@@ -111,12 +117,10 @@ def test_lost_pins_are_predicted_and_stray_blobs_ignored(
     assert tracks.seen[0, gone].sum() <= len(stray)
 
 
-def test_blurred_pins_are_followed_with_softer_discs(drawn, hexagon) -> None:
-    rest, xy = (
-        hexagon + dimple(hexagon, np.array([100.0, 110.0]), height, 40.0) for height in (0.0, 3.0)
-    )
-    tracker = Tracker(drawn(rest, 3.5, 200, soft=True))
-    sharp = drawn(xy, 3.5, 200, soft=True)
+def test_blurred_pins_are_followed_with_softer_discs(drawn, few_pins) -> None:
+    tracker = Tracker(drawn(few_pins, 3.5, 100, soft=True))
+    xy = few_pins + dimple(few_pins, np.array([50.0, 55.0]), 3.0, 40.0)
+    sharp = drawn(xy, 3.5, 100, soft=True)
     soft = np.round(gaussian_filter(sharp.astype(float), 0.8)).astype(np.uint8)
     found, clear = tracker.track(soft[None]), tracker.track(sharp[None])
     np.testing.assert_allclose(found.xy, clear.xy, atol=0.03)
@@ -208,13 +212,13 @@ def test_every_pin_of_real_presses_is_followed(pins) -> None:
     assert np.abs(tracks.xy[0] - tracker.rest).max() < 0.2
 
 
-def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexagon) -> None:
+def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, few_pins) -> None:
     """Three discs of 7 px within 5 px are one blob; known to half a spacing they are three."""
-    whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
-    middle = np.argsort(np.hypot(*(whole.rest - 100).T))[:3]
+    whole = Tracker(drawn(few_pins, 3.5, 100, soft=True))
+    middle = np.argsort(np.hypot(*(whole.rest - 50).T))[:3]
     true = whole.rest.copy()
     true[middle] = true[middle].mean(axis=0) + 0.35 * (true[middle] - true[middle].mean(axis=0))
-    image = drawn(true, 3.5, 200, soft=True)
+    image = drawn(true, 3.5, 100, soft=True)
     off = np.random.default_rng(4).normal(0, 1.2, true.shape)
     tracks = whole.refit(image[None], (true + off)[None])
     assert tracks.seen.all()

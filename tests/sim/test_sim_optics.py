@@ -108,7 +108,9 @@ def test_x_is_right_y_is_down_and_the_axis_can_be_elsewhere():
     assert (x[0], y[0]) == (50, 50)
     assert (x[1] > 50, y[1]) == (True, 50)
     assert (x[2], y[2] > 50) == (50, True)
-    moved = project(Optics(size=101, principal_x=0.1, principal_y=-0.05, roll_deg=90.0), points, 35)
+    moved = project(
+        Optics(size=101, principal_x=0.1, principal_y=-0.05, roll_deg=90.0), points, 35.0
+    )
     assert moved[0] == pytest.approx(60.1 - (y - 50), abs=1e-10)  # 90 deg take x to y
     assert moved[1] == pytest.approx(44.95 + (x - 50), abs=1e-10)
 
