@@ -68,7 +68,7 @@ def test_shear_is_taken_out():
 
 def test_the_stated_scatter_is_the_scatter():
     fits = []
-    for seed in range(12):
+    for seed in range(16):
         depth, tilt, rng = presses(250, seed)
         spread = depth**EXPONENT * np.exp(rng.normal(0, 0.02, len(depth)))
         fits.append(fit_pivot(spread, label(depth, tilt, 5, 20), tilt))
