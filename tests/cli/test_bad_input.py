@@ -70,14 +70,6 @@ def test_a_full_disk(refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert not list(tmp_path.rglob("record.json"))
 
 
-def test_debug_shows_the_exception_itself(cli: Any) -> None:
-    from tactibench import UserError
-
-    for arguments in (["--debug", *MEAN, "--sensor", "x"], [*MEAN, "--sensor", "x", "--debug"]):
-        with pytest.raises(UserError, match="unknown sensor 'x'"):
-            call(arguments)
-
-
 def test_control_characters_are_shown_escaped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

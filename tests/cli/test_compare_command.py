@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from stored_answers import answered_parts, store_run
+
+from tactibench.board import Comparison, MetricComparison
+from tactibench.report import comparison_table
+from tactibench.stats import Estimate
 
 
 @pytest.fixture
@@ -49,9 +54,35 @@ def test_three_runs_make_three_tables(cli, stored):
 
 def test_mistakes(refused, stored):
     stored("one", 0.1)
-    stored("other", 0.1, sensor={"instance": 3})
     assert "one run alone cannot be compared" in refused("compare", "exp1-one")
     assert "did you mean 'exp1-one'" in refused("compare", "exp1-one", "exp1-onee")
-    assert "is named twice" in refused("compare", "exp1-one", "exp1-one")
-    assert "not tested on the same frames" in refused("compare", "exp1-one", "exp1-other")
-    assert "missing argument" in refused("compare").lower()
+
+
+ROW = MetricComparison(
+    metric="mae_mm",
+    group="mean",
+    first=0.1,
+    second=0.2,
+    difference=Estimate(-0.1, -0.15, -0.05, 40, 40),
+    alone=(0, 0),
+    misses=(0.0, 0.0),
+    p=0.001,
+    p_holm=0.01,
+)
+
+
+@pytest.mark.parametrize(
+    ("changed", "better"),
+    [
+        ({}, "A"),
+        ({"difference": Estimate(0.1, 0.05, 0.15, 40, 40)}, "B"),
+        ({"metric": "resolved"}, "B"),  # more is better
+        ({"difference": Estimate(-0.1, -0.25, 0.05, 40, 40)}, ""),
+        ({"p": 0.063}, ""),  # the permutation leaves it to chance
+        ({"p": None}, ""),
+    ],
+)
+def test_better_takes_the_interval_and_the_permutation(changed, better):
+    shown = comparison_table(Comparison(0, 1, (replace(ROW, **changed),)), ("A", "B"))
+    heads = [column.head for column in shown.columns]
+    assert shown.rows[0][heads.index("better")] == better

@@ -57,20 +57,10 @@ def test_light_and_shift_change_the_frame_and_not_its_rest(session: Any, sayer: 
     [
         b"",
         b"{",
-        b"\xff",
-        b"1" * 4000,
         json.dumps({**USUAL, "more": 1}).encode(),
         *(
             json.dumps({**USUAL, **changes}).encode()
-            for changes in (
-                {"tips": [[0.0, 0.0]] * (MOST_TIPS + 1)},
-                {"tips": [[0.0] * 3]},
-                {"tips": [[21.0, 0.0]]},
-                {"depth": 5.0},
-                {"radius": 9.0},
-                {"shift": 1e9},
-                {"instance": 21},
-            )
+            for changes in ({"tips": [[0.0, 0.0]] * (MOST_TIPS + 1)}, {"tips": [[21.0, 0.0]]})
         ),
         b'{"tips": [], "depth": NaN, "radius": 3.0}',
     ],

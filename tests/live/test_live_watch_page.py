@@ -43,9 +43,7 @@ def test_a_page_that_waits_is_told_of_the_end(read: Any) -> None:
     assert read(page._next(b'{"after": 1}'))["ended"] is True
 
 
-@pytest.mark.parametrize(
-    "body", [b"", b"{}", b'{"after": -1}', b'{"after": "1"}', b'{"after": 1e99}']
-)
+@pytest.mark.parametrize("body", [b"", b'{"after": -1}', b'{"after": "1"}', b'{"after": 1e99}'])
 def test_other_requests_are_refused(body: bytes) -> None:
     page = WatchPage("unet", 12.8)
     with page, pytest.raises(UserError, match="names no frame"):

@@ -6,16 +6,13 @@ import io
 from pathlib import Path
 from typing import Any
 
-import pytest
 from rich.console import Console
 
-from tactibench.board import family_errors, rows_of
-from tactibench.metrics import all_metrics
-from tactibench.protocols import board_spec, load_protocol
+from tactibench.board import rows_of
+from tactibench.protocols import load_protocol
 from tactibench.records import Cause, Failures, Metric, Record
 from tactibench.report import (
     board_page,
-    doubling_number,
     print_run,
     stability_figure,
 )
@@ -69,12 +66,6 @@ def record(
     return made
 
 
-def test_every_metric_of_the_protocol_exists_and_every_column_is_one_of_them() -> None:
-    names = set(PROTOCOL.spec.metrics.names)
-    assert names <= all_metrics().keys()
-    assert {c.metric for block in board_spec("stability").blocks for c in block.columns} <= names
-
-
 def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
     text = board_page(PROTOCOL, [record(fabricate), record(fabricate, "mean", 10.0)], []).markdown()
     part = text.split("Where the error doubles: what is pressed")[1].split("</details>")[0]
@@ -88,22 +79,6 @@ def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
     assert "shift, px" in faults
     assert "individual" not in faults  # its values have no order
     assert "Speed and cost" not in text
-
-
-def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
-    one, other = record(fabricate), record(fabricate, seed=1)
-    (row,) = rows_of([one, other])
-    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "grazing")
-    assert family.doubles is not None
-    assert family.doubles.value == pytest.approx(0.5)
-    assert [case.value for case in family.cases] == [2, 0.5, 0.3, 0.2, 0.1, 0.05]
-    assert family.cases[0].easy
-    assert family.worst is not None
-    assert family.worst.value == 6
-    other.metrics = [m for m in other.metrics if m.metric != "doubles_at"]
-    (row,) = rows_of([one, other])
-    assert all(f.doubles is None for f in family_errors(row, AXES))
-    assert doubling_number(None) is None
 
 
 def printed(made: Record) -> str:

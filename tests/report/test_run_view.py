@@ -112,16 +112,15 @@ def test_a_partial_run_says_so_above_and_below(record: Any, render: Any) -> None
     assert partial_line(record("exp1", limits=limits)) == ""
 
 
-def test_a_protocol_without_a_layout_is_listed_whole(record: Any, render: Any) -> None:
-    shown = record("exp1")
+def test_a_protocol_without_a_layout_is_listed_whole_and_markup_is_text(
+    record: Any, render: Any
+) -> None:
+    shown = record("exp1", signature="[bold]x[/bold]")
     shown.protocol.id = "mine"
     text = render(shown)
     assert text.count("\n") > len(shown.metrics)
     assert "published" not in text
-
-
-def test_markup_in_names_is_text(record: Any, render: Any) -> None:
-    assert "[bold]x[/bold]" in render(record("exp1", signature="[bold]x[/bold]"))
+    assert "[bold]x[/bold]" in text
 
 
 def test_times_that_did_not_settle_and_missing_times_are_told(record: Any, render: Any) -> None:
