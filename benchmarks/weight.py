@@ -56,7 +56,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/markers": (1743, 8),
     "tactibench/metrics": (1585, 10),
     "tactibench/plugins": (619, 5),
-    "tactibench/protocols": (1067, 5),
+    "tactibench/protocols": (1058, 5),
     "tactibench/records": (827, 7),
     "tactibench/report": (3025, 15),
     "tactibench/run": (2394, 15),

@@ -36,32 +36,37 @@ class _Frozen(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Ranking(_Frozen):
-    """The error that orders a board: a metric of which less is better.
+class Shown(_Frozen):
+    """A metric of a group, as it is shown.
 
     Attributes:
         metric: Name of the metric.
         group: Group of the metric.
-        name: Name of the error in sentences and on axes.
         decimals: Decimals of its values.
-        unit: Unit of its values.
     """
 
     metric: Text
-    group: Text
-    name: Text
+    group: Text = "all"
     decimals: Decimals
+
+
+class Ranking(Shown):
+    """The error that orders a board: a metric of which less is better.
+
+    Attributes:
+        name: Name of the error in sentences and on axes.
+        unit: Unit of its values.
+    """
+
+    name: Text
     unit: str = "mm"
 
 
-class Column(_Frozen):
+class Column(Shown):
     """A metric in a table.
 
     Attributes:
-        metric: Name of the metric.
-        group: Group of the metric.
         head: Head of the column.
-        decimals: Decimals of the values.
         interval: Whether the interval stands below the value.
         spread: Whether the standard deviation over training seeds stands beside the value.
         percent: Whether a share is shown in per cent whose metric has no unit.
@@ -69,10 +74,7 @@ class Column(_Frozen):
             values shown.
     """
 
-    metric: Text
-    group: Text = "all"
     head: Text
-    decimals: Decimals
     interval: bool = True
     spread: bool = True
     percent: bool = False
@@ -136,14 +138,6 @@ class RunTable(_Frozen):
     compared: bool = True
 
 
-class Headline(_Frozen):
-    """The error to show beside speed."""
-
-    metric: Text
-    group: Text
-    decimals: Decimals
-
-
 class BoardSpec(_Frozen):
     """A protocol's board: its ranking, its tables, and the tables of one run.
 
@@ -159,33 +153,27 @@ class BoardSpec(_Frozen):
 
     ranking: Ranking | None = None
     apart: Mapping[str, Ranking] = {}
-    headline: Headline | None = None
+    headline: Shown | None = None
     note: str = ""
     blocks: tuple[Block, ...] = ()
     common: tuple[str, ...] = ()
     run_tables: tuple[RunTable, ...] = ()
 
 
-class OverviewColumn(_Frozen):
+class OverviewColumn(Shown):
     """A metric of the overview.
 
     Attributes:
         name: Name of the column.
         protocol: Protocol whose rows give the values.
-        metric: Name of the metric.
-        group: Group of the metric.
         published_frames: Whether the values are those of a real recording, on its published frames.
         head: Head of the column.
-        decimals: Decimals of the values.
     """
 
     name: Text
     protocol: Text
-    metric: Text
-    group: Text = "all"
     published_frames: bool = False
     head: Text
-    decimals: Decimals
 
 
 class OverviewSpec(_Frozen):

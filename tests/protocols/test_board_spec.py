@@ -72,7 +72,7 @@ def test_common_tables_follow_those_of_the_protocol(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("[rankings]", "unknown key 'rankings'; did you mean 'ranking'"),
-        ('[ranking]\nmetric = "mae_mm"\n', "the key 'ranking.group' is missing"),
+        ('[ranking]\nmetric = "mae_mm"\n', "the key 'ranking.decimals' is missing"),
         ('common = ["bounds"]\n', "holds 'bounds'; did you mean 'bound'"),
         (TABLE.format(""), "key 'blocks.1.columns' is"),
         (TABLE.format('{ metric = "mae_mm", groups = 3, head = "x", decimals = 3 }'), "groups"),
