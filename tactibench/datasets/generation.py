@@ -94,10 +94,6 @@ class PressPlan:
     def __iter__(self) -> Iterator[Press]:
         return (press for series in self.series for press in series.presses)
 
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the rows of plan.jsonl."""
-        return press_rows(self)
-
     def chunks(self, size: int) -> list[PressSeries]:
         """Return all presses in series of at most ``size``, each with a seed by its number."""
         return [
@@ -378,7 +374,7 @@ def is_complete(folder: Path, source: SensorSource, plan: PressPlan) -> bool:
     return (
         header.status == "closed"
         and digest(facts) == digest(expected)
-        and header.plan_sha256 == plan_hash(plan_lines(plan.rows()))
+        and header.plan_sha256 == plan_hash(plan_lines(press_rows(plan)))
     )
 
 
@@ -414,7 +410,7 @@ def generate(
         () if camera else rest.shape,
         source=source.request,
     )
-    with Writer(folder, header, plan.rows()) as writer:
+    with Writer(folder, header, press_rows(plan)) as writer:
         writer.reference(rest)
         missing = [
             chunk

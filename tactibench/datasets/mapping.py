@@ -153,24 +153,17 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
             "plate, `tactibench data fit` reads the tilt."
         )
     lists_tips = len(columns["x"]) == len(columns["y"]) == len(columns["depth"]) > 1
-    if lists_tips:
-        options["indenter"] = TIPS
-        for role in ("x", "y", "depth"):
-            options[role] = ",".join(columns[role])
-    else:
-        options["indenter"] = DUAL if columns["spacing"] else SINGLE
-        for role in ("x", "y", "depth"):
-            options[role] = columns[role][0]
-            if len(columns[role]) > 1:
-                remarks[role] = f"or {', '.join(columns[role][1:])}?"
+    options["indenter"] = TIPS if lists_tips else DUAL if columns["spacing"] else SINGLE
+    for role in ("x", "y", "depth"):
+        first, *others = columns[role]
+        options[role] = ",".join(columns[role]) if lists_tips else first
+        if others and not lists_tips:
+            remarks[role] = f"or {', '.join(others)}?"
     if options["indenter"] == DUAL:
         options["spacing"] = columns["spacing"][0]
         if columns["yaw"]:
             options["yaw"] = columns["yaw"][0]
             remarks["yaw"] = "0: the pair lies along x"
-        heights = _numbered(numeric, ("height", "h"))
-        if len(heights) == 2:
-            options["heights"] = ",".join(heights)
     press = _columns_of("press", [n for n in table.columns if n != column])
     if press and len(set(table.cells[press[0]])) >= _FEWEST_PRESSES:
         options["press"] = press[0]
@@ -206,14 +199,6 @@ def _columns_of(role: str, names: Sequence[str]) -> list[str]:
         if columns:
             return sorted(columns, key=lambda n: ([int(w) for w in _words(n) if w.isdigit()]))
     return []
-
-
-def _numbered(names: Sequence[str], words: Sequence[str]) -> list[str]:
-    return [
-        n
-        for n in names
-        if set(words) & set(_words(n)) and any(word.isdigit() for word in _words(n))
-    ]
 
 
 def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
@@ -296,15 +281,10 @@ def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
                 if count and (best is None or count > best[0]):
                     best = (count, table, column, place)
     if best is None:
-        if not paths:
-            raise UserError(
-                f"{folder} holds no CSV file; put the table of labels there, or name another "
-                "folder."
-            )
-        tables = ", ".join(path.name for path in paths)
+        tables = ", ".join(path.name for path in paths) or "no CSV file"
         raise UserError(
-            f"{folder} holds {tables}, in which no column names files of the folder; write the "
-            "names of the frames, with .png, into one. Of a sensor without a camera, name the "
+            f"{folder} holds {tables}, and no column of a table names files of the folder; write "
+            "the names of the frames, with .png, into one. Of a sensor without a camera, name the "
             "table of its numbers with --param channels=FILE."
         )
     return best[1:]

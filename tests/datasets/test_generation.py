@@ -22,6 +22,7 @@ from tactibench.datasets import (
     open_dataset,
     plan_of_file,
     plan_of_protocol,
+    press_rows,
     sensor_source,
     verify,
 )
@@ -193,7 +194,7 @@ def test_a_plan_file_says_what_plan_jsonl_says(tmp_path: Path, small: PressPlan)
     import json
 
     file = tmp_path / "plan.jsonl"
-    file.write_text("".join(json.dumps(row) + "\n" for row in small.rows()))
+    file.write_text("".join(json.dumps(row) + "\n" for row in press_rows(small)))
     read = plan_of_file(file, 3, None)
     assert [list(series.presses) for series in read.series] == [list(small)]
     assert read.series[0].seed == (3,)
