@@ -9,12 +9,10 @@ import pytest
 from tactibench import Grid, SensorContext
 from tactibench_sim import TacTip127, Tips, layout
 
-DECLARED = ("coupled", "superpose")
 RADII = (3.0, math.inf)
 PINS = layout(127).copy()  # scipy turns no array that is read-only
 NONE = (0.0, 0.0, -math.inf)
 GRID = Grid.centred(32, 0.6)
-ADDS = "superpose adds contacts as if each were alone"
 
 
 @cache
@@ -27,18 +25,9 @@ def dome(tier):
     return sensor(tier).mechanics
 
 
-def every_tier(names=DECLARED, **expected):
-    """expected: tier -> why it cannot."""
-    return pytest.mark.parametrize(
-        "tier",
-        [
-            pytest.param(t, marks=pytest.mark.xfail(reason=expected[t])) if t in expected else t
-            for t in names
-        ],
-    )
-
-
-every_sensor = pytest.mark.parametrize("tier", DECLARED)
+every_tier = pytest.mark.parametrize("tier", ["coupled", "superpose"])
+coupled_tier = pytest.mark.parametrize("tier", ["coupled"])
+"""Tier superpose adds contacts as if each were alone."""
 every_radius = pytest.mark.parametrize("radius", RADII, ids=["sphere", "plate"])
 
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hard_scenes import (
-    ADDS,
     GRID,
     NONE,
     PINS,
     carried,
+    coupled_tier,
     dome,
     every_radius,
-    every_sensor,
     every_tier,
     moved,
     pins,
@@ -33,7 +32,7 @@ from tactibench_sim import STEEPEST_DEG, Corrections, TableMechanics, shipped_do
 # -- zero contact is bit-identical to rest
 
 
-@every_tier()
+@every_tier
 @every_radius
 @pytest.mark.parametrize("depth", [0.0, -0.0, -0.5, -math.inf])
 def test_zero_contact_displaces_nothing(tier, radius, depth):
@@ -44,7 +43,7 @@ def test_zero_contact_displaces_nothing(tier, radius, depth):
     assert rest == pytest.approx((dome(tier).inner - 2.0) * PINS, abs=1e-14)
 
 
-@every_sensor
+@every_tier
 @pytest.mark.parametrize(
     "indenter",
     [Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 1.0, 2.0)), Indenter.plate()],
@@ -59,7 +58,7 @@ def test_zero_contact_is_bit_identical_to_rest(tier, indenter):
 # -- continuity as delta -> 0+
 
 
-@every_tier()
+@every_tier
 @every_radius
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 50.0])
 def test_a_light_touch_moves_little(tier, radius, degrees):
@@ -68,7 +67,7 @@ def test_a_light_touch_moves_little(tier, radius, degrees):
         assert abs(u).max() < 1.5 * delta + 1e-9  # the table is in single precision
 
 
-@every_tier()
+@every_tier
 def test_a_light_touch_beside_a_deep_one_moves_little(tier):
     """In the dimple, beside it, on the bulge, far away."""
     for x in (1.0, 4.0, 8.0, 14.0):
@@ -81,7 +80,7 @@ def test_a_light_touch_beside_a_deep_one_moves_little(tier):
 # -- two identical indenters equal one
 
 
-@every_tier(superpose=ADDS)
+@coupled_tier
 @pytest.mark.parametrize("depth", [0.5, 2.0, 6.0])
 def test_identical_indenters_are_one(tier, depth):
     one = moved(tier, (2.0, 1.0, depth))
@@ -93,7 +92,7 @@ def test_identical_indenters_are_one(tier, depth):
 # -- spacing 0..2R at fixed depth
 
 
-@every_tier()
+@every_tier
 @pytest.mark.parametrize("depths", [(1.0, 1.0), (4.0, 4.0), (4.0, 1.0)])
 def test_spacing_leads_from_one_to_two_without_a_jump(tier, depths):
     """From 0 past 2 R = 6 mm to where the tips no longer know of each other."""
@@ -108,7 +107,7 @@ def test_spacing_leads_from_one_to_two_without_a_jump(tier, depths):
 # -- a tip inside another's bulge (delta > 0 yet not touching)
 
 
-@every_tier(superpose=ADDS)
+@coupled_tier
 @pytest.mark.parametrize(
     ("x", "depth"), [(0.5, 1.0), (1.5, 0.3), (2.5, 0.1), (-1.0, 2.0), (3.0, 0.05)]
 )
@@ -121,7 +120,7 @@ def test_a_tip_in_anothers_dimple_carries_nothing(tier, x, depth):
     assert carried(tier, deep, shaded)[1] == 0
 
 
-@every_tier(superpose=ADDS)
+@coupled_tier
 def test_a_bulge_lifts_the_skin_to_a_tip(tier):
     """The other way round: a tip that just hangs over the undeformed dome, met by the bulge."""
     deep, hanging = (-7.0, 0.0, 6.0), (8.5, 0.0, -0.02)
@@ -132,7 +131,7 @@ def test_a_bulge_lifts_the_skin_to_a_tip(tier):
 # -- depth to 6 mm
 
 
-@every_tier()
+@every_tier
 @every_radius
 @pytest.mark.parametrize("degrees", [0.0, 15.0, 30.0, 50.0])
 def test_the_skin_follows_the_indenter_to_6_mm(tier, radius, degrees):
@@ -152,7 +151,7 @@ def test_the_skin_follows_the_indenter_to_6_mm(tier, radius, degrees):
 # -- contact at the rim
 
 
-@every_tier()
+@every_tier
 @every_radius
 def test_the_rim_is_refused(tier, radius):
     assert np.isfinite(moved(tier, slanted(STEEPEST_DEG - 0.1, 2.0, radius), radius=radius)).all()
@@ -184,7 +183,7 @@ def random_and_named_scenes(test):
     return test
 
 
-@every_tier()
+@every_tier
 @random_and_named_scenes
 def test_turning_and_mirroring_the_scene_turns_and_mirrors_the_field(tier, scene, angle):
     u = moved(tier, *scene)
@@ -194,7 +193,7 @@ def test_turning_and_mirroring_the_scene_turns_and_mirrors_the_field(tier, scene
         assert abs(moved(tier, *image, at=PINS @ matrix.T) - u @ matrix.T).max() < 2e-12
 
 
-@every_tier()
+@every_tier
 @settings(max_examples=8, deadline=None)
 @given(contacts)
 def test_the_order_of_tips_does_not_matter(tier, scene):
