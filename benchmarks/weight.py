@@ -48,7 +48,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_unet": (440, 3),
     "plugins/tactibench_vgnn": (351, 3),
     "tactibench": (804, 11),
-    "tactibench/board": (1989, 11),
+    "tactibench/board": (1981, 11),
     "tactibench/cli": (2152, 12),
     "tactibench/datasets": (3327, 17),
     "tactibench/frames": (1802, 11),

@@ -197,10 +197,10 @@ def _compare(record: Record, again: Record) -> Iterator[ReproducedMetric]:
     for row in record.metrics:
         low = high = row.value
         if row.value is not None:
+            ends = (row.value, *((row.low, row.high) if not exact else ()))
+            known = [end for end in ends if end is not None]
             wide = max(EXACT, EXACT * abs(row.value)) if exact else SLACK
-            ends = (row.low, row.high) if not exact else (None, None)
-            low = (row.value if ends[0] is None else min(ends[0], row.value)) - wide
-            high = (row.value if ends[1] is None else max(ends[1], row.value)) + wide
+            low, high = min(known) - wide, max(known) + wide
         value = again.value(row.metric, row.group)
         yield ReproducedMetric(row, value, low, high, (row.metric, row.group) in deciding)
 

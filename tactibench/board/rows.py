@@ -221,11 +221,6 @@ class Row:
         return prior_of(self.first) + share
 
     @property
-    def presses(self) -> int | None:
-        """Presses that the model was allowed to learn from; None for all."""
-        return self.first.limits.presses
-
-    @property
     def trivial(self) -> bool:
         """True for a model that learns next to nothing."""
         return self.first.model.name in TRIVIAL
@@ -348,7 +343,7 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
     seeds = [tuple(sorted(group, key=lambda r: r.seed)) for group in groups.values()]
     labels = Counter(_shown(records[0]) for records in seeds)
     rows = [Row(records, _mark(records[0], labels)) for records in seeds]
-    return sorted(rows, key=lambda row: (row.first.shots, row.label, row.presses or 0))
+    return sorted(rows, key=lambda row: (row.first.shots, row.label, row.first.limits.presses or 0))
 
 
 def row_on_own_test(row: Row, records: Iterable[Record]) -> Row | None:

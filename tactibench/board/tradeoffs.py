@@ -197,16 +197,11 @@ def _error(row: Row, metric: str, group: str) -> Range | None:
     pooled = row.metric(metric, group)
     if pooled is None or pooled.censored:
         return None
-    single = [Row((record,)).metric(metric, group) for record in row.records]
-    ends = [
-        (
-            of_seed.value if of_seed.low is None else of_seed.low,
-            of_seed.value if of_seed.high is None else of_seed.high,
-        )
-        for of_seed in single
-        if of_seed is not None
-    ]
-    return Range(pooled.value, min(low for low, _ in ends), max(high for _, high in ends))
+    seeds = [record.metric(metric, group) for record in row.records]
+    known = [(m.value, m.low, m.high) for m in seeds if m is not None and m.value is not None]
+    lows = [value if low is None else low for value, low, _ in known]
+    highs = [value if high is None else high for value, _, high in known]
+    return Range(pooled.value, min(lows), max(highs))
 
 
 INSTANCES = "instances"
