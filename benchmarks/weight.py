@@ -47,7 +47,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_tactip": (3813, 22),
     "plugins/tactibench_unet": (440, 3),
     "plugins/tactibench_vgnn": (351, 3),
-    "tactibench": (804, 11),
+    "tactibench": (802, 11),
     "tactibench/board": (1981, 11),
     "tactibench/cli": (2152, 12),
     "tactibench/datasets": (3327, 17),

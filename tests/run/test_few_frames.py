@@ -62,7 +62,7 @@ MODELS = (constant, exact, absent, far, alike, random)
 
 def scores(protocol: str, model: Callable[[Answers], Answers]) -> Iterator[list[Metric]]:
     spec = load_protocol(protocol).spec
-    for count in (1, 2, 3, 5, 10):
+    for count in (1, 3, 10) if protocol == "exp1" else (1, 4):
         truth, groups = zip(*(scene(protocol, k) for k in range(count)), strict=True)
         arrays = {
             **pack_contacts(truth),
@@ -85,7 +85,7 @@ def test_no_invariant_is_broken(
 
 
 def test_r2_of_a_constant_answer_has_a_value_and_no_interval() -> None:
-    (_, _, metrics, *_) = scores("exp1", constant)
+    _, metrics, _ = scores("exp1", constant)
     row = next(m for m in metrics if (m.metric, m.group) == ("r2", "mean"))
     assert row.value is not None
     assert row.value < 0

@@ -56,6 +56,7 @@ def test_what_the_reference_cannot_tell_is_neither_zero_nor_an_error(run: Run) -
     assert found["distance_mae_mm", "7.0"].low is None, "one press has no interval"
 
 
+@pytest.mark.usefixtures("unscored")
 @pytest.mark.parametrize("tested", [REFERENCE, SHIFTED], ids=["reference", "shifted"])
 def test_weights_are_those_of_the_ordinary_run(
     run: Run, planned: Planned, tiny: Any, tested: TestOptions
