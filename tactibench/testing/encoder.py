@@ -12,6 +12,7 @@ from tactibench.plugins import Encoder
 from tactibench.testing.subjects import (
     EncoderSubject,
     Failed,
+    NotApplicable,
     check_parameters,
     difference,
     must_refuse,
@@ -121,7 +122,8 @@ def permutation(subject: EncoderSubject) -> None:
 
 def noise(subject: EncoderSubject) -> None:
     """White noise of 0.02 moves the best contact little, and its depth by no more than 0.36 mm."""
-    subject.skip_unless_heat()
+    if not subject.is_heat:
+        raise NotApplicable(f"its maps, of kind {subject.spec.kind!r}, are no heat")
     rng = np.random.default_rng(4)
     lists = [_random_contact(rng, shallowest=2.0) for _ in range(200)]
     maps = subject.encode(lists)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins import FitReport
+from tactibench.plugins import IMAGE, FitReport
 from tactibench.testing.subjects import (
     SEED,
     Failed,
@@ -104,7 +104,8 @@ def batch(subject: ModelSubject) -> None:
 
 def sensors(subject: ModelSubject) -> None:
     """Frames of two sensors, each with its own rest frame, are answered alike alone and mixed."""
-    subject.skip_without_images()
+    if subject.presses.sensor.signal != IMAGE:
+        raise NotApplicable(f"{subject.presses.name} gives no images")
 
     def moved(image: Image) -> Image:
         return np.roll(image, 2, axis=1)

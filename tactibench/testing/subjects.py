@@ -29,7 +29,6 @@ from tactibench.errors import (
 from tactibench.frames import spread
 from tactibench.geometry import plate_pose, true_contacts
 from tactibench.plugins import (
-    IMAGE,
     Encoder,
     EncoderSpec,
     FitReport,
@@ -408,11 +407,6 @@ class ModelSubject:
         """Kind of answer that the model must give."""
         return self.answer or ("contacts" if "contacts" in self.spec.answers else "plate")
 
-    def skip_without_images(self) -> None:
-        """Raise NotApplicable where the frames of the model are channels."""
-        if self.presses.sensor.signal != IMAGE:
-            raise NotApplicable(f"{self.presses.name} gives no images")
-
     def context(self, checkpoints: Path | None = None) -> ModelContext:
         """Return the context in which the model is built."""
         protocol = self.presses.protocol
@@ -670,11 +664,6 @@ class EncoderSubject:
     def decode(self, maps: npt.NDArray[Any]) -> list[Contacts]:
         """Return the contacts of (N, C, H, W) maps."""
         return self.encoder.decode_batch(maps, self.grid)
-
-    def skip_unless_heat(self) -> None:
-        """Raise NotApplicable for maps that are no heat."""
-        if not self.is_heat:
-            raise NotApplicable(f"its maps, of kind {self.spec.kind!r}, are no heat")
 
     def skip_unless_several(self) -> None:
         """Raise NotApplicable for an encoder of one contact."""
