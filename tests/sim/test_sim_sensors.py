@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from tactibench import Indenter, Pose, Scene, SensorContext, UserError, gray_frames
+from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError, gray_frames
 from tactibench_sim import Reference127
 from tactibench_sim.hooks import tactibench_sensors
 
@@ -133,7 +133,9 @@ def test_untouched_is_rest_bit_for_bit(case):
         pytest.skip("every scene touches")
     one = made(case, **({} if case.startswith("fitted") else {"noise": False}))
     for indenter in (Indenter.single(), Indenter.dual(7.0)):
-        frame = one.press(Scene(indenter, Pose(depth=0.0)))
+        untouched = Scene(indenter, Pose(depth=0.0))
+        frame, surface = one.press(untouched), one.surface(untouched, Grid.centred(9, 2.0))
+        assert surface is None or not surface.any()
         if case.startswith("fitted"):
             assert not one.moved([Scene(Indenter.plate(), Pose(depth=0.0))]).any()
         else:
