@@ -28,7 +28,7 @@ Said = Callable[[], str]
 @pytest.fixture
 def lab(tmp_path: Path) -> Path:
     path = tmp_path / "lab.toml"
-    path.write_text(EXAMPLE, encoding="utf-8")
+    path.write_text(EXAMPLE.replace("settle_s = 0.2", "settle_s = 0.0"), encoding="utf-8")
     return path
 
 
