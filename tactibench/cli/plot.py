@@ -274,23 +274,19 @@ def report(
         origin = RUNS if named else BOARD
     data = gather(store, board_folder, origin=origin, protocols=protocols)
     terminal = Terminal()
-    if site is not None:
-        with terminal.task("site", len(data.boards) + 1) as advance:
-            pages = dict(site_pages(data, advance=lambda _: advance(1)))
-        site.mkdir(parents=True, exist_ok=True)
-        for name, text in pages.items():
-            with atomic(site / name) as stream:
-                stream.write(text.encode())
-        size = sum(len(text.encode()) for text in pages.values())
-        terminal.say(data.origin)
-        terminal.say(f"{site / 'index.html'}: {len(pages)} pages, {size / 1e6:.1f} MB")
-        return
     with terminal.task("report", len(data.boards) + 1) as advance:
-        page = report_page(data, advance=lambda _: advance(1)).encode()
-    with atomic(out) as stream:
-        stream.write(page)
+        if site is None:
+            pages = {out: report_page(data, advance=lambda _: advance(1))}
+        else:
+            made = site_pages(data, advance=lambda _: advance(1))
+            pages = {site / name: text for name, text in made}
+    for path, text in pages.items():
+        with atomic(path) as stream:
+            stream.write(text.encode())
+    size = sum(len(text.encode()) for text in pages.values())
     terminal.say(data.origin)
-    terminal.say(f"{out}: {len(page) / 1e6:.1f} MB")
+    count = "" if site is None else f"{len(pages)} pages, "
+    terminal.say(f"{next(iter(pages))}: {count}{size / 1e6:.1f} MB")
 
 
 @click.command()

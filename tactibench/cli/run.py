@@ -117,22 +117,16 @@ def _show_training(
     from tactibench.report import duration
 
     how = "found in the cache, trained" if trained.reused else "trained"
-    report = trained.report
-    facts = {
-        "model": plan.components.model.label,
-        "regime": plan.components.regime,
-        "seed": plan.request.seed,
-        "weights": trained.hash,
-        "reused": trained.reused,
-        "training_s": report["seconds"],
-        "epochs": report["epochs"],
-    }
+    model, regime = plan.components.model.label, plan.components.regime
+    seed, report = plan.request.seed, trained.report
     terminal.say(
-        f"{facts['model']} ({facts['regime']}), seed {facts['seed']}: {how} {report['epochs']} "
-        f"epochs on {plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
+        f"{model} ({regime}), seed {seed}: {how} {report['epochs']} epochs on "
+        f"{plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
     )
     terminal.say(f"weights {trained.hash[:8]} in {trained.folder}")
-    save_json(json_file, facts)
+    facts = {"model": model, "regime": regime, "seed": seed, "weights": trained.hash}
+    cost = {"training_s": report["seconds"], "epochs": report["epochs"]}
+    save_json(json_file, {**facts, "reused": trained.reused, **cost})
 
 
 @click.command()

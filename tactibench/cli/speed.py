@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from tactibench.cli.options import json_option, request_of, request_options, save_json
 from tactibench.errors import UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from rich.console import Console
-
-    from tactibench.report import Cell
-    from tactibench.run import Speed
 
 
 @click.command()
@@ -55,7 +47,8 @@ def speed(
     """
     from tactibench.cli.output import Terminal
     from tactibench.plugins import PluginHost
-    from tactibench.records import cache_folder
+    from tactibench.records import SpeedRow, cache_folder
+    from tactibench.report import print_table, speed_table
     from tactibench.run import (
         BATCHES,
         blinded,
@@ -95,43 +88,11 @@ def speed(
         f"{facts['fingerprint']}",
         soft_wrap=True,
     )
-    _print_speeds(terminal.out, speeds)
     rows = [{"model": name, **row} for name, found in speeds.items() for row in found.rows]
-    save_json(json_file, {"environment": facts, "speed": rows})
-
-
-def _print_speeds(console: Console, speeds: Mapping[str, Speed]) -> None:
-    """Print the times of a frame by model and threads, and the frames per second by batch."""
-    from tactibench.report import Column, Number, fixed, print_table, table
-
-    single: list[list[Cell]] = []
-    offline: list[list[Cell]] = []
-    unsettled = False
-    for name, found in speeds.items():
-        totals = [row for row in found.rows if row["phase"] == "total"]
-        unsettled |= not all(row["settled"] for row in totals)
-        for total in (row for row in totals if row["scenario"] == "single"):
-            phases = [
-                f"{row['phase']} {row['p50_ms']:.2f}"
-                for row in found.rows
-                if (row["scenario"], row["threads"]) == ("single", total["threads"])
-                and row["phase"] != "total"
-            ]
-            times = [total[key] for key in ("p50_ms", "p90_ms", "p99_ms", "cpu_ms")]
-            numbers = [Number(value, fixed(2)) for value in times]
-            single.append([name, str(total["threads"]), *numbers, ", ".join(phases)])
-        rates = [row for row in totals if row["scenario"] == "offline"]
-        offline.append([name, *(Number(row["per_s"], fixed(0)) for row in rates)])
-    columns = map(Column, ("threads", "p50", "p90", "p99", "processor"))
-    print_table(
-        console,
-        table(["model", *columns, "p50 by phase"], single, title="one frame to contacts, ms"),
+    # Models stand below each other: what differs is compared in turns.
+    by_call = sorted(
+        rows, key=lambda row: (row["scenario"] != "single", row["threads"], row["batch"])
     )
-    batches = (Column(str(row["batch"])) for row in rates)
-    print_table(console, table(["model", *batches], offline, title="frames/s by batch"))
-    if unsettled:
-        console.print(
-            "NOT SETTLED: some times still drifted, or something else computed meanwhile",
-            style="yellow",
-            soft_wrap=True,
-        )
+    timed = [(row.pop("model"), SpeedRow(**row)) for row in map(dict, by_call)]
+    print_table(terminal.out, speed_table(timed))
+    save_json(json_file, {"environment": facts, "speed": rows})

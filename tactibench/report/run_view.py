@@ -441,7 +441,7 @@ def _print_speed(console: Console, record: Record, published: Sequence[Published
     machine = f"{facts.cpu}, {plural(facts.threads, 'thread')}, fingerprint {facts.fingerprint}"
     console.print(Text(machine, style="dim"))
     if record.speed:
-        print_table(console, _phases(record.speed))
+        print_table(console, speed_table([("", row) for row in record.speed]))
     if record.efficiency:
         console.print(Text(_cost(record)))
     for row in (row for paper in published for row in rows_for(record.protocol.id, paper)):
@@ -453,19 +453,27 @@ def _print_speed(console: Console, record: Record, published: Sequence[Published
             console.print(Text(text, style="magenta"))
 
 
-def _phases(speed: Sequence[SpeedRow]) -> Table:
-    """Return the times of every phase for single frames, and of the whole call for batches."""
-    rows: list[list[Cell]] = []
-    for row in speed:
+def speed_table(rows: Sequence[tuple[str, SpeedRow]]) -> Table:
+    """Return the times of every phase for single frames, and of the whole call for batches.
+
+    Args:
+        rows: Name of the model and its times; "" for the model of a run.
+    """
+    cells: list[list[Cell]] = []
+    for name, row in rows:
         if row.scenario == "offline" and row.phase != "total":
             continue
         mark = "" if settled_time(row) else "*"
         times = (Number(value, fixed(2)) for value in (row.p50_ms, row.p90_ms, row.p99_ms))
         rate = f"{row.per_s:,.0f}{mark}" if row.phase == "total" else ""
-        rows.append([row.scenario, str(row.batch), str(row.threads), row.phase, *times, rate])
-    times_heads = map(Column, ("p50 ms", "p90 ms", "p99 ms", "frames/s"))
-    heads: list[Head] = ["scenario", "batch", "threads", "phase", *times_heads]
-    return table(heads, rows)
+        call = (row.scenario, str(row.batch), str(row.threads), row.phase)
+        cells.append([*filter(None, [name]), *call, *times, rate])
+    heads: list[Head] = ["model"] if any(name for name, _ in rows) else []
+    heads += ["scenario", "batch", "threads", "phase"]
+    heads += map(Column, ("p50 ms", "p90 ms", "p99 ms", "frames/s"))
+    note = "*: not settled: the times still drifted, or something else computed meanwhile."
+    unsettled = any(not settled_time(row) for _, row in rows)
+    return table(heads, cells, notes=[note] if unsettled else [])
 
 
 def _cost(record: Record) -> str:

@@ -76,15 +76,12 @@ def test_mistakes(refused, stored_run, options, words):
     assert not list(Path("leaderboards").iterdir())
 
 
-def test_the_same_figures_as_csv_and_latex(cli, stored_run):
-    names = [stored_run(model="a_b", error=0.0625, seed=seed) for seed in range(3)]
-    assert cli("board", "add", *names)[0] == 0
+def test_the_figures_are_written_as_csv(cli, stored_run):
+    cli("board", "add", stored_run(model="a_b", error=0.0625))
     assert cli("board", "export", "--csv", "rows.csv")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    (gospa,) = [row for row in rows if row["metric"] == "gospa1_mm"]
-    shown = (gospa["value"], gospa["unit"], gospa["model"], gospa["rank"])
-    assert shown == ("0.0625", "mm", "a_b", "")
+        (row,) = [row for row in csv.DictReader(stream) if row["metric"] == "gospa1_mm"]
+    assert (row["value"], row["unit"], row["model"], row["rank"]) == ("0.0625", "mm", "a_b", "")
 
 
 def test_the_ranked_rows_are_shown(cli, refused, stored_run):
@@ -153,7 +150,6 @@ def test_a_hash_is_published_before_the_runs_and_the_seed_after_them(cli, stored
     text = path.read_text()
     assert SECRET not in text + out
     assert "holds the hash of this seed already" in cli("board", "hidden", "exp1")[1]
-    assert path.read_text() == text
     monkeypatch.setenv(SEED_VARIABLE, SECRET[::-1])
     assert cli("board", "hidden", "exp1")[0] == 0  # a second seed is a second file
     assert path.read_text() == text
@@ -167,17 +163,15 @@ def test_a_hash_is_published_before_the_runs_and_the_seed_after_them(cli, stored
 
 def test_hidden_mistakes(refused, stored_run, monkeypatch):
     monkeypatch.delenv(SEED_VARIABLE, raising=False)
+    run = ("run", "exp1", "--model", "mean", "--hidden-seed")
     assert f"{SEED_VARIABLE}, which is not set" in refused("board", "hidden", "exp1")
-    assert f"{SEED_VARIABLE}, which is not set" in refused(
-        "run", "exp1", "--model", "mean", "--hidden-seed"
-    )
+    assert f"{SEED_VARIABLE}, which is not set" in refused(*run)
     monkeypatch.setenv(SEED_VARIABLE, "1234")
     sentence = refused("board", "hidden", "exp1")
     assert "has 4 characters and could be found by trying" in sentence
     assert "1234" not in sentence
     monkeypatch.setenv(SEED_VARIABLE, SECRET)
     assert "takes recorded presses, which no seed draws" in refused("board", "hidden", "surface")
-    assert "was published for exp1@2" in refused("run", "exp1", "--model", "mean", "--hidden-seed")
-    assert "leave one of --hidden-seed and --test reference out" in refused(
-        "run", "exp1", "--model", "mean", "--hidden-seed", "--test", "reference"
-    )
+    assert "was published for exp1@2" in refused(*run)
+    both = refused(*run, "--test", "reference")
+    assert "leave one of --hidden-seed and --test reference out" in both

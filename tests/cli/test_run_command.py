@@ -100,7 +100,9 @@ def test_models_are_timed_in_turns(
     assert code == 0, err
     assert out.startswith("exp1 on cpu; ")
     for name in ("mean", "nearest"):
-        assert sum(line.startswith(name) for line in out.splitlines()) == 2
+        assert (
+            sum(line.startswith(f"{name} ") and " total " in line for line in out.splitlines()) == 3
+        )
     rows = json.loads((tmp_path / "speed.json").read_text(encoding="utf-8"))["speed"]
     assert {(row["model"], row["scenario"], row["batch"]) for row in rows} == {
         (model, scenario, batch)
