@@ -53,3 +53,6 @@ n_contacts
 # Keys of the description in a weights file
 license
 made_with
+# Arguments that callers hand over: click's option, http.server's hook
+debug
+client_address
