@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (802, 11),
     "tactibench/board": (1981, 11),
     "tactibench/cli": (2109, 12),
-    "tactibench/datasets": (3327, 17),
+    "tactibench/datasets": (3316, 17),
     "tactibench/frames": (1802, 11),
     "tactibench/live": (409, 4),
     "tactibench/markers": (1743, 8),

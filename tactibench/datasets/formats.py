@@ -58,18 +58,14 @@ def recording_folder(folder: Path) -> Path:
     """Return the folder, or the one directly in it that alone is a Bristol recording.
 
     Raises:
-        UserError: This is no folder that can be listed.
+        UserError: This is no folder.
     """
     if not folder.is_dir():
         what = "is a file; give the folder that holds it" if folder.exists() else "does not exist"
         raise UserError(f"{folder} {what}.")
-    try:
-        inside = list(folder.iterdir())
-    except OSError as error:
-        raise UserError(f"{folder} cannot be listed: {error.strerror}.") from None
     if is_dataset(folder) or any(folder.glob("*.csv")):
         return folder
-    inner = [child for child in inside if child.is_dir() and find_targets(child)]
+    inner = [child for child in folder.iterdir() if child.is_dir() and find_targets(child)]
     return inner[0] if len(inner) == 1 else folder
 
 

@@ -39,7 +39,7 @@ from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
 from tactibench.png import ImageKind
 from tactibench.protocols import first_mistake
-from tactibench.records import write_json
+from tactibench.records import read_json, write_json
 
 HEADER = "dataset.json"
 PLAN = "plan.jsonl"
@@ -241,14 +241,9 @@ def read_header(folder: Path) -> Header:
         UserError: The folder holds no data set, or a key of the header is wrong.
     """
     path = folder / HEADER
-    try:
-        value = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        raise UserError(f"{folder} is no data set: it holds no {HEADER}.") from None
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{path} is not valid JSON: {error}; restore it.") from None
+    if not is_dataset(folder):
+        raise UserError(f"{folder} is no data set: it holds no {HEADER}.")
+    value = read_json(path)
     if not isinstance(value, dict):
         raise UserError(f"{path} holds no JSON object; restore it.")
     version = value.get("schema_version")

@@ -117,9 +117,7 @@ def read_table(path: Path, data: bytes) -> Table:
         rows = pd.read_csv(
             io.StringIO(text), sep=separator, header=None, dtype=str, keep_default_na=False
         ).fillna("")
-    except pd.errors.EmptyDataError:
-        raise UserError(f"{path} is empty; it must have a header and one row a frame.") from None
-    except (UnicodeDecodeError, pd.errors.ParserError) as error:
+    except (UnicodeDecodeError, pd.errors.EmptyDataError, pd.errors.ParserError) as error:
         raise UserError(
             f"{path} is not a readable CSV file: {str(error).strip()}; fix the file (numbers with "
             "decimal commas need columns separated by ';')."

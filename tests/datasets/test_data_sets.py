@@ -265,7 +265,7 @@ def test_a_header_that_could_not_be_read_again_is_refused(
         ('"image"', '"picture"', "unknown key 'picture'"),
         ('"status": "closed"', '"status": "done"', "key 'status' is 'done'"),
         ('"dome_radius_mm": 20.0', '"dome_radius_mm": 0.0', "'dome_radius_mm' is 0.0"),
-        ("{", "[", "not valid JSON"),
+        ("{", "[", "cannot be read as JSON"),
     ],
 )
 def test_a_damaged_header_is_named(closed_set: Path, old: str, new: str, says: str) -> None:

@@ -120,7 +120,7 @@ def mixed_commas(folder):
         (mixed_commas, ["row 3", "'-0,75'", "row 1", "'-0.25'", "one way"]),
         (replace(",10.0,4", ""), ["row 5", "pose_6", "''"]),
         (replace("frame_1", "extra,extra,frame_1"), ["line 3, saw"]),
-        (write(b""), ["is empty"]),
+        (write(b""), ["not a readable CSV"]),
         (write(b"image_name,pose_2,pose_6\n"), ["no rows"]),
         (write(b"image_name,pose_2,pose_2\nframe_0_0.png,1,2\n"), ["two columns 'pose_2'"]),
         (write(b"first,pose_2\nframe_0_0.png,1\n"), ["names the frames", "column=COLUMN"]),
