@@ -97,7 +97,7 @@ def _plugin_verbs() -> Mapping[str, CommandSpec]:
 @click.option("--debug", is_flag=True, help="Show the traceback of an error (after any verb, too).")
 @click.option("--quiet", is_flag=True, help="Show no plan and no progress (after any verb, too).")
 @click.pass_context
-def main(ctx: click.Context, debug: bool, quiet: bool) -> None:  # noqa: ARG001 - read elsewhere
+def main(ctx: click.Context, /, **_options: bool) -> None:
     """Benchmark soft optical tactile sensors: protocols, models, speed beside error.
 
     \b

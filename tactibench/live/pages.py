@@ -47,7 +47,7 @@ Post = Callable[[bytes], bytes]
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
+    def handle_error(self, *_: Any) -> None:
         """Report nothing: the reader closed the connection."""
 
 
