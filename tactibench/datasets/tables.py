@@ -20,9 +20,9 @@ from tactibench.errors import UserError
 FloatArray = npt.NDArray[np.float64]
 
 _SEPARATORS = ",;\t"
-_NUMBER = r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*"
-_COMMA_NUMBER = r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*"
-_POINT_NUMBER = r"\s*[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?\s*"
+_NUMBER = r"[ \t\xa0]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t\xa0]*"
+_COMMA_NUMBER = r"[ \t\xa0]*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?[ \t\xa0]*"
+_POINT_NUMBER = r"[ \t\xa0]*[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?[ \t\xa0]*"
 
 
 @dataclass(frozen=True, eq=False)
