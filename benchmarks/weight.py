@@ -65,7 +65,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/superposition": (1051, 5),
     "tactibench/sweep": (471, 3),
     "tactibench/testing": (1201, 6),
-    "tactibench/training": (1224, 8),
+    "tactibench/training": (1237, 8),
 }
 """Package -> most code lines, most modules. A row is lowered when a package shrinks."""
 LOADED = """

@@ -2,6 +2,7 @@
 
 from .inference import autocast as autocast
 from .inference import deterministic_kernels as deterministic_kernels
+from .inference import float32_tensors as float32_tensors
 from .inference import fold_batch_norm as fold_batch_norm
 from .inference import onnx_model as onnx_model
 from .learned import LearnedModel as LearnedModel

@@ -23,6 +23,17 @@ def autocast(precision: str, device: str) -> AbstractContextManager[Any]:
 
 
 @contextmanager
+def float32_tensors() -> Iterator[None]:
+    """Make new tensors float32 inside the block, whatever the caller's default type is."""
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(before)
+
+
+@contextmanager
 def deterministic_kernels(device: str, precision: str = "float32") -> Iterator[None]:
     """Let cuDNN choose only kernels that always give the same bits.
 

@@ -16,7 +16,11 @@ from torch import nn
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
-from tactibench.training.inference import deterministic_kernels, fold_batch_norm
+from tactibench.training.inference import (
+    deterministic_kernels,
+    float32_tensors,
+    fold_batch_norm,
+)
 from tactibench.training.loop import train
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
 from tactibench.training.targets import Examples, position_error_mm
@@ -153,6 +157,7 @@ class LearnedModel(Model):
 
     # Methods that this class defines.
 
+    @float32_tensors()
     def fit(
         self,
         frames: Sequence[Frame],
@@ -234,7 +239,7 @@ class LearnedModel(Model):
         if self._folded is None:
             self._folded = self.fold(self.network)
         device = self.context.device
-        with deterministic_kernels(device):
+        with float32_tensors(), deterministic_kernels(device):
             batches = torch.split(inputs, _BATCH)
             outputs = [self.outputs(self._folded(batch.to(device))) for batch in batches]
         return np.concatenate(outputs)
@@ -287,7 +292,7 @@ class LearnedModel(Model):
 
         inputs = self.inputs([frame]).to(self.context.device)
         counter = FlopCounterMode(display=False)
-        with torch.no_grad(), counter:
+        with torch.no_grad(), float32_tensors(), counter:
             self.network(inputs)
         return int(counter.get_total_flops())
 
@@ -319,7 +324,7 @@ class LearnedModel(Model):
         return mixed, contacts
 
     def _build(self, seed: int) -> nn.Module:
-        with torch_seed(seed):
+        with torch_seed(seed), float32_tensors():
             return self.build()
 
     def _use(self, network: nn.Module) -> nn.Module:

@@ -89,6 +89,24 @@ def test_a_unet_learns_through_another_heat_encoder() -> None:
     assert not bad
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_the_callers_default_type_changes_neither_weights_nor_answers(
+    name: str, tmp_path: Path
+) -> None:
+    short = other_subject(name, epochs="1") if name in LEARNED else subject(name)
+    found = []
+    for number, dtype in enumerate((torch.float32, torch.float64)):
+        torch.set_default_dtype(dtype)
+        try:
+            model = short.build()
+            fit(model, name)
+            answers = model.predict(list(subject(name).test_examples.frames[:3]))
+        finally:
+            torch.set_default_dtype(torch.float32)
+        found.append((saved(model, tmp_path / str(number)), [one.xy.tolist() for one in answers]))
+    assert found[0] == found[1]
+
+
 def fit(model: Model, name: str, seed: int = 3, progress: Any = None) -> Any:
     few = subject(name).examples[:24]
     return model.fit(
