@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from tactibench.datasets import Press, PressPlan, plan_of_file, plan_of_protocol, press_rows
 from tactibench.errors import did_you_mean
-from tactibench.protocols import first_mistake, load_protocol
+from tactibench.protocols import load_protocol, parse_toml
 from tactibench.records import atomic
 from tactibench.run import open_weights
 
@@ -21,8 +21,8 @@ __all__ = [
     "PressPlan",
     "atomic",
     "did_you_mean",
-    "first_mistake",
     "open_weights",
+    "parse_toml",
     "plan_presses",
     "press_rows",
     "trained_model",

@@ -28,6 +28,7 @@ PUBLIC_MODULES = (
     "tactibench.markers",
     "tactibench.png",
     "tactibench.records",
+    "tactibench.report",
     "tactibench.superposition",
     "tactibench.training",
 )

@@ -47,7 +47,6 @@ from .plan import plan_of as plan_of
 from .plan import with_smallest_turn as with_smallest_turn
 from .robots import CriRobot as CriRobot
 from .robots import GuardError as GuardError
-from .robots import NoTouchError as NoTouchError
 from .robots import ProtectiveStopError as ProtectiveStopError
 from .robots import Robot as Robot
 from .robots import RobotError as RobotError

@@ -468,9 +468,14 @@ class Reference:
         share = RELAXED * (self.change_of(press) - self.change)
         return self.change + max(RELAXED_LEVELS, share)
 
-    def pins_differ(self, sensor: SensorSettings) -> bool:
-        """Return whether the count of pins is not the configuration's."""
-        return sensor.pins is not None and abs(self.pins - sensor.pins) > sensor.pins_tolerance
+    def check_pins(self, sensor: SensorSettings) -> None:
+        """Raise UserError where the count of pins is not the configuration's."""
+        if not sensor.allows(self.pins):
+            raise UserError(
+                f"the undeformed sensor shows {self.pins} pins, sensor.pins says {sensor.pins}; "
+                "draw the tool away, look at light, focus and camera.crop (`tactibench hw live` "
+                "shows the frame), or correct sensor.pins."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -481,7 +486,6 @@ class FrameCheck:
         reason: Why they cannot be used; "" where they can.
         image: (H, W) median.
         t_ns: Time of the middle frame.
-        brightness: Mean of the image, grey levels.
         saturated: Share of saturated pixels.
         pins: Number of pins; -1 where they are not counted.
     """
@@ -489,7 +493,6 @@ class FrameCheck:
     reason: str
     image: Image
     t_ns: int
-    brightness: float
     saturated: float
     pins: int
 
@@ -510,7 +513,6 @@ def check_frames(
         reason="",
         image=image,
         t_ns=frames[len(frames) // 2].t_ns,
-        brightness=float(image.mean()),
         saturated=float((image >= SATURATED).mean()),
         pins=-1 if sensor.pins is None else count_pins(image),
     )
@@ -529,15 +531,16 @@ def _reason(
     sensor: SensorSettings,
     depth_mm: float,
 ) -> str:
-    if is_other_light(check.brightness, reference.brightness):
+    brightness = float(check.image.mean())
+    if is_other_light(brightness, reference.brightness):
         return (
-            f"brightness {check.brightness:.1f}, at rest {reference.brightness:.1f}: the light "
+            f"brightness {brightness:.1f}, at rest {reference.brightness:.1f}: the light "
             "or the exposure changed"
         )
     saturated = check.saturated - float((reference.mean >= SATURATED).mean())
     if saturated > MOST_SATURATED:
         return f"{saturated:.1%} of the pixels are saturated"
-    if sensor.pins is not None and abs(check.pins - sensor.pins) > sensor.pins_tolerance:
+    if not sensor.allows(check.pins):
         return f"{check.pins} pins are seen, sensor.pins is {sensor.pins}"
     between = max(
         float(np.abs(b.image.astype(np.float32) - a.image).mean()) for a, b in pairwise(frames)

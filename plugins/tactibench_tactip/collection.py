@@ -22,7 +22,7 @@ from typing import Any
 from tactibench import Indenter, UserError, __version__
 from tactibench.datasets import FRAMES, Draft, Header, Writer, is_dataset, open_dataset
 from tactibench.lab import Press
-from tactibench_tactip.camera import Camera, CameraError, Reference
+from tactibench_tactip.camera import Camera, CameraError, FrameCheck, Reference
 from tactibench_tactip.geometry import geometry_of
 from tactibench_tactip.plan import (
     CollectionPlan,
@@ -31,10 +31,16 @@ from tactibench_tactip.plan import (
     is_mounted,
     with_smallest_turn,
 )
-from tactibench_tactip.robots import GuardError, ProtectiveStopError, StopNowError, make_robot
+from tactibench_tactip.robots import (
+    GuardError,
+    ProtectiveStopError,
+    RobotState,
+    StopNowError,
+    make_robot,
+)
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import PressResult, Station
-from tactibench_tactip.touch import TouchAge, find_touch
+from tactibench_tactip.touch import find_touch
 
 MountRequest = Callable[[Indenter, int], bool]
 """A function that asks a person to mount an indenter for a number of presses, and returns whether
@@ -84,9 +90,6 @@ class Callbacks:
     mount: MountRequest = lambda _indenter, _count: False
 
 
-NO_CALLBACKS = Callbacks()
-
-
 class Collector:
     """One session at an open station.
 
@@ -105,7 +108,6 @@ class Collector:
         self._station, self._plan, self._writer = station, plan, writer
         self._callbacks = callbacks
         self._session = uuid.uuid4().hex[:12]
-        self._touch = TouchAge(station.settings)
         self._bad_in_row = 0
         self._stops: Counter[int] = Counter(
             int(event["id"]) for event in writer.events if event.get("kind") == "protective-stop"
@@ -155,39 +157,35 @@ class Collector:
 
     def _press_all(self, presses: Iterable[Press], ended: threading.Event) -> None:
         """Make the presses of one indenter, whose length is not known before it first touches."""
-        first = True
         for press in presses:
             if ended.is_set():
                 self.report.interrupted = True
                 return
-            if first or self._touch.is_due:
-                self._find_touch(first=first)
-                first = False
+            if self._station.touch_is_due:
+                self._find_touch()
             self._press(press)
 
-    def _find_touch(self, *, first: bool) -> None:
+    def _find_touch(self) -> None:
         """Take a new rest frame, find first touch from it, and check all planned poses again."""
         station = self._station
-        rest = station.look_at_rest()
+        before = station.touch
+        touch = find_touch(station)
+        drift = 0.0 if before is None else touch.z0_mm - before.z0_mm
+        rest = station.rest_reference()
         self._writer.reference(rest.image)
-        before = station.geometry.z0
-        touch = find_touch(station, first=first)
-        drift = 0.0 if first else touch.z0_mm - before
         self._writer.event(
             "touch",
             session=self._session,
             z0_mm=touch.z0_mm,
             spread_mm=touch.spread_mm,
             drift_mm=drift,
-            method=touch.method,
-            power=touch.power,
+            method=station.settings.contact.method,
             brightness=rest.brightness,
             pins=rest.pins,
         )
         if abs(drift) > DRIFT_MM:
             self._callbacks.notify(f"first touch drifted by {drift:+.3f} mm")
         station.check_plan(self._plan)
-        self._touch = TouchAge(station.settings)
 
     def _press(self, press: Press) -> None:
         """Make one press until it is written.
@@ -200,12 +198,12 @@ class Collector:
         """
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                result, reason = self._station.press_checked(with_smallest_turn(press.scene))
+                result = self._station.press_checked(with_smallest_turn(press.scene))
             except ProtectiveStopError as error:
                 self._event("protective-stop", press, str(error))
                 self._stops[press.id] += 1
                 if self._stops[press.id] >= STOPS_OF_PRESS:
-                    self._write(press, None, attempt, str(error))
+                    self._write_aborted(press, attempt, str(error))
                 raise ProtectiveStopError(
                     f"{error} It was at press {press.id}. Look at the arm and the sensor, release "
                     "the stop on the pendant, and go on with the same command."
@@ -219,78 +217,69 @@ class Collector:
             except GuardError as error:
                 self._event("tripped", press, str(error))
                 if attempt == ATTEMPTS:
-                    self._write(press, None, attempt, str(error))
+                    self._write_aborted(press, attempt, str(error))
                     return
                 continue
-            if not reason or attempt == ATTEMPTS:
+            if not result.check.reason or attempt == ATTEMPTS:
                 break
-            self._event("bad-frame", press, reason)
-        if reason:
+            self._event("bad-frame", press, result.check.reason)
+        if result.check.reason:
             self._station.check_undeformed()
-        self._write(press, result, attempt, reason)
+        self._write(press, result, attempt)
 
-    def _write(self, press: Press, result: PressResult | None, attempt: int, reason: str) -> None:
-        """Write a press.
+    def _write_aborted(self, press: Press, attempt: int, reason: str) -> None:
+        """Write the undeformed sensor for a press that was aborted, see ``_write``."""
+        image = self._station.rest_reference().image
+        check = FrameCheck(reason, image, t_ns=0, saturated=0.0, pins=-1)
+        state = RobotState(normal=False)
+        self._write(press, PressResult(press.scene, check, 0, (), (), (), state, looks=0), attempt)
+
+    def _write(self, press: Press, result: PressResult, attempt: int) -> None:
+        """Write a press, whose frame is bad where its check has a reason.
 
         Args:
             press: The press.
-            result: Its outcome; None: it was aborted, and the undeformed sensor is written.
+            result: Its outcome; one without looks was aborted.
             attempt: Number of the attempt, from 1.
-            reason: Why its frame is bad; "" where it is good.
 
         Raises:
             UserError: Too many samples in a row were bad.
         """
-        station = self._station
-        image = station.rest_reference().image if result is None else result.check.image
-        bad = "aborted" if result is None else "bad_frame"
+        station, check, state = self._station, result.check, result.state
+        reason, image = check.reason, check.image
+        bad = "bad_frame" if result.looks else "aborted"
         extra: dict[str, Any] = {  # every row has every key, with a value of the same type
             "draw": press.draw,
             "outcome": bad if reason else "ok",
             "reason": reason,
             "depth_cmd_mm": float(press.scene.pose.depth),
-            "depth_meas_mm": 0.0,
+            "depth_meas_mm": float(result.scene.pose.depth) if result.looks else 0.0,
             "z0_mm": station.geometry.z0,
             "z0_method": station.settings.contact.method,
-            "pose_cmd": [],
-            "pose_meas_before": [],
-            "pose_meas_after": [],
-            "force_n": [],
-            "t_settle_ns": 0,
-            "robot_timestamp": [],
-            "looks": 0,
+            "pose_cmd": _floats(result.commanded),
+            "pose_meas_before": _floats(result.before),
+            "pose_meas_after": _floats(result.after),
+            "force_n": _floats(state.force_n or ()),
+            "t_settle_ns": result.settled_ns,
+            "robot_timestamp": [] if state.time_s is None else [state.time_s],
+            "looks": result.looks,
             "brightness_mean": float(image.mean()),
             "brightness_std": float(image.std()),
-            "saturated": 0.0,
-            "n_pins": -1,
+            "saturated": check.saturated,
+            "n_pins": check.pins,
         }
-        if result is not None:
-            state = result.state
-            extra |= {
-                "depth_meas_mm": result.scene.pose.depth,
-                "pose_cmd": _floats(result.commanded),
-                "pose_meas_before": _floats(result.before),
-                "pose_meas_after": _floats(result.after),
-                "force_n": _floats(state.force_n or ()),
-                "t_settle_ns": result.settled_ns,
-                "robot_timestamp": [] if state.time_s is None else [state.time_s],
-                "looks": result.looks,
-                "saturated": result.check.saturated,
-                "n_pins": result.check.pins,
-            }
         draft = Draft(
             image,
             press.id,
-            press.scene if result is None else result.scene,
+            result.scene,
             press=press.name,
             session=self._session,
-            t_frame_ns=None if result is None else result.check.t_ns,
+            t_frame_ns=check.t_ns or None,
             extra=extra,
             status="bad" if reason else "ok",
             attempt=attempt,
         )
         self._writer.add_many([draft])
-        self._touch.presses += 1
         self._callbacks.advance(1)
         if not reason:
             self.report.ok += 1
@@ -353,7 +342,7 @@ def collect(
     plan: CollectionPlan,
     folder: Path,
     *,
-    callbacks: Callbacks = NO_CALLBACKS,
+    callbacks: Callbacks,
     speed_scale: float = 1.0,
 ) -> SessionReport:
     """Make the presses of a plan that the folder lacks, and close it when it has them all.

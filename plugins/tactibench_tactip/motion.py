@@ -13,7 +13,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from tactibench import Scene
+from tactibench import Scene, UserError
 from tactibench_tactip.geometry import (
     Array,
     PressGeometry,
@@ -40,9 +40,8 @@ T = TypeVar("T")
 
 TICK_S = 0.008
 """Period of the control loop: 125 Hz."""
-LOOK_S, CONNECT_LOOK_S = 0.1, 0.05
-"""Longest single wait for a job, or for the connection: a signal that comes just before it is
-handled when it ends."""
+LOOK_S = 0.05
+"""Longest single wait for a job: a signal that comes just before it is handled when it ends."""
 TURN_DEG_S = 50.0
 """Speed at which a tool is assumed to turn."""
 REACHED_MM, REACHED_DEG = 0.1, 0.2
@@ -142,6 +141,17 @@ class Mover:
         if violation:
             raise RobotError(f"the tool was to go to {violation}; nothing was moved.")
         self._go(target, speed, guard)
+
+    def check_inside(self) -> Pose6:
+        """Return the pose of the tool, or raise UserError where it is outside the envelope."""
+        pose = self.pose()
+        violation = envelope_violation(self._settings.envelope, pose)
+        if violation:
+            raise UserError(
+                f"the tool stands at {violation}; drive it into the envelope above the sensor "
+                "first, with the pendant or `tactibench hw jog`."
+            )
+        return pose
 
     def come_in(self, speed: float) -> None:
         """Move from a stage's switches, which may lie outside the envelope, into it.
@@ -320,18 +330,14 @@ class RobotThread:
         self._thread.start()
         seconds = connect_seconds(self._settings)
         connected = self._submit(lambda _: self.robot.connect())
-        end = time.monotonic() + seconds
         try:
-            while not connected.done() and not self.halt.is_set():
-                if time.monotonic() > end:
-                    raise RobotError(
-                        f"the robot at {self._settings.robot.address} did not answer within "
-                        f"{seconds:g} s; check that it is switched on and that robot.address is "
-                        "right."
-                    )
-                wait([connected], CONNECT_LOOK_S)
-            if not connected.done():
-                raise StopNowError
+            if not _ends(connected, seconds, unless=self.halt):
+                if self.halt.is_set():
+                    raise StopNowError
+                raise RobotError(
+                    f"the robot at {self._settings.robot.address} did not answer within "
+                    f"{seconds:g} s; check that it is switched on and that robot.address is right."
+                )
             connected.result()
         except BaseException:
             self._jobs.put(None)  # the thread then closes the robot, unless it hangs
@@ -359,31 +365,24 @@ class RobotThread:
         Raises:
             RobotError: The job has not ended by the deadline.
         """
-        end = time.monotonic() + deadline_s
         future = self._submit(job)
         try:
-            while not future.done() and (left := end - time.monotonic()) > 0:
-                wait([future], min(left, LOOK_S))
+            if not _ends(future, deadline_s):
+                raise RobotError(
+                    f"the robot's thread has not answered for {deadline_s:.0f} s; it was told to "
+                    "stop. Look at the robot."
+                )
         except BaseException:
-            self._abandon(future)
+            if not future.done():
+                self.halt.set()
+                future.cancel()
             raise
-        if not future.done():
-            self._abandon(future)
-            raise RobotError(
-                f"the robot's thread has not answered for {deadline_s:.0f} s; it was told to stop. "
-                "Look at the robot."
-            )
         return future.result()
 
     def _submit(self, job: Callable[[Mover], T]) -> Future[T]:
         future: Future[T] = Future()
         self._jobs.put((job, future))
         return future
-
-    def _abandon(self, future: Future[Any]) -> None:
-        if not future.done():
-            self.halt.set()
-            future.cancel()
 
     def _run(self) -> None:
         mover = Mover(self.robot, self._settings, self.halt)
@@ -399,6 +398,16 @@ class RobotThread:
             except BaseException as error:  # noqa: BLE001 - given to the caller
                 future.set_exception(error)
         self.robot.close()
+
+
+def _ends(future: Future[Any], seconds: float, unless: threading.Event | None = None) -> bool:
+    """Return whether a job ends within a time, and before an event is set."""
+    end = time.monotonic() + seconds
+    while not future.done() and (left := end - time.monotonic()) > 0:
+        if unless is not None and unless.is_set():
+            break
+        wait([future], min(left, LOOK_S))
+    return future.done()
 
 
 def _same(a: Pose6, b: Pose6) -> bool:

@@ -54,10 +54,6 @@ class CollectionPlan:
         """Return the rows of plan.jsonl."""
         return press_rows(self.presses)
 
-    def mounts(self) -> list[tuple[Indenter, list[Press]]]:
-        """Return the indenters to mount in turn, and the presses of each."""
-        return list(by_indenter(self.presses).items())
-
 
 def plan_of(
     source: str,

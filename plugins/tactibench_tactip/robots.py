@@ -49,10 +49,6 @@ class GuardError(RobotError):
     """A move was stopped: the force was too great, or the tool left its line."""
 
 
-class NoTouchError(RobotError):
-    """A search for first touch touched nothing."""
-
-
 class StopNowError(Exception):
     """Somebody asked to stop at once."""
 

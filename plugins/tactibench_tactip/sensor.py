@@ -12,7 +12,7 @@ from tactibench_tactip.camera import DeviceError
 from tactibench_tactip.plan import describe_indenter, is_mounted, with_smallest_turn
 from tactibench_tactip.settings import Settings, read_settings
 from tactibench_tactip.station import Station
-from tactibench_tactip.touch import TouchAge, find_touch
+from tactibench_tactip.touch import find_touch
 
 
 class TacTip(Sensor):
@@ -26,7 +26,6 @@ class TacTip(Sensor):
         self._config = config
         self._stack = ExitStack()
         self._station: Station | None = None
-        self._touch: TouchAge | None = None
 
     @cached_property
     def settings(self) -> Settings:
@@ -54,7 +53,6 @@ class TacTip(Sensor):
 
     def __enter__(self) -> Self:
         self._station = self._stack.enter_context(Station(self.settings))
-        self._touch = None
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -76,15 +74,12 @@ class TacTip(Sensor):
         """
         station = self._open
         self._check(scene)
-        if self._touch is None or self._touch.is_due:
-            station.look_at_rest()
-            find_touch(station, first=self._touch is None)
-            self._touch = TouchAge(self.settings)
-        self._touch.presses += 1
-        result, reason = station.press_checked(with_smallest_turn(scene))
-        if reason:
-            raise DeviceError(f"the frames of a press cannot be kept: {reason}.")
+        if station.touch_is_due:
+            find_touch(station)
+        result = station.press_checked(with_smallest_turn(scene))
         check = result.check
+        if check.reason:
+            raise DeviceError(f"the frames of a press cannot be kept: {check.reason}.")
         rest = station.rest_reference()
         return Frame(check.image, check.t_ns * 1e-9, result.scene.pose, rest.image)
 

@@ -7,7 +7,6 @@ in mm and deg, extrinsic ``sxyz``; +z of the work frame and of the tool points i
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
@@ -19,12 +18,11 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
-    ValidationError,
     model_validator,
 )
 
 from tactibench import Indenter, UserError
-from tactibench.lab import first_mistake
+from tactibench.lab import parse_toml
 
 Pose6 = tuple[float, float, float, float, float, float]
 """x, y, z mm, alpha, beta, gamma deg, extrinsic about x, y, z."""
@@ -154,6 +152,10 @@ class SensorSettings(_Table):
     deepest_mm: Annotated[float, Field(ge=0.1, le=12)] = 6.5
     pins: PositiveInt | None = None
     pins_tolerance: NonNegativeInt = 2
+
+    def allows(self, count: int) -> bool:
+        """Return whether a frame may show so many pins."""
+        return self.pins is None or abs(count - self.pins) <= self.pins_tolerance
 
     @property
     def workspace(self) -> None:
@@ -346,23 +348,14 @@ def read_settings(path: Path) -> Settings:
     """Return the settings of a file.
 
     Raises:
-        UserError: The file cannot be read, or a key is wrong; the message names file and key.
+        UserError: The file is not there, or a key is wrong; the message names file and key.
     """
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = path.read_bytes()
     except FileNotFoundError:
         raise UserError(
             f"the configuration {path} is not there; `tactibench hw example` writes one to start "
             "from."
         ) from None
-    except OSError as error:
-        raise UserError(
-            f"the configuration {path} cannot be read: {error.strerror or error}."
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"the configuration {path} is not valid TOML: {error}.") from None
-    try:
-        settings = Settings.model_validate(tables)
-    except ValidationError as error:
-        raise UserError(f"the configuration {path}: {first_mistake(error, Settings)}") from None
+    settings = parse_toml(content, Settings, f"the configuration {path}")
     return settings.rehearsal() if settings.simulated else settings

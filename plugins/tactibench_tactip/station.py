@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -22,7 +22,7 @@ from tactibench_tactip.camera import (
     count_pins,
     is_other_light,
 )
-from tactibench_tactip.geometry import PressPath, envelope_violation, geometry_of
+from tactibench_tactip.geometry import PressPath, geometry_of
 from tactibench_tactip.motion import Mover, RobotThread, patience
 from tactibench_tactip.plan import CollectionPlan, check_plan, path_seconds
 from tactibench_tactip.robots import Robot, RobotError, RobotState, StopNowError, make_robot
@@ -42,13 +42,28 @@ LONG_S = 60.0
 """Time that a job is expected to take where its caller does not say."""
 
 
+@dataclass(frozen=True)
+class FirstTouch:
+    """A place of first touch that was found.
+
+    Attributes:
+        z0_mm: First touch along the work frame's z.
+        spread_mm: Difference of two searches.
+        found_s: Moment of ``time.monotonic`` at which it was found.
+    """
+
+    z0_mm: float
+    spread_mm: float
+    found_s: float = field(default_factory=time.monotonic)
+
+
 @dataclass(frozen=True, eq=False)
 class PressResult:
     """The outcome of one press.
 
     Attributes:
         scene: Scene with the pose that was reached.
-        check: Check of its frames.
+        check: Check of its frames; its reason says why they cannot be kept.
         settled_ns: End of settling, on the clock of the frames.
         commanded: Pose of the tool in the work frame that was commanded.
         before: Pose of the tool before the frames were taken.
@@ -60,9 +75,9 @@ class PressResult:
     scene: Scene
     check: FrameCheck
     settled_ns: int
-    commanded: Pose6
-    before: Pose6
-    after: Pose6
+    commanded: tuple[float, ...]
+    before: tuple[float, ...]
+    after: tuple[float, ...]
     state: RobotState
     looks: int
 
@@ -81,6 +96,7 @@ class Station:
     Attributes:
         indenter: The mounted indenter.
         geometry: Geometry of presses, with the z0 of the latest first touch.
+        touch: The latest first touch of the mounted indenter; None until one was found.
         rest: The undeformed sensor; None until ``look_at_rest``.
     """
 
@@ -94,6 +110,8 @@ class Station:
         self.indenter = settings.indenter.indenter()
         self.geometry = geometry_of(settings)
         self.rest: Reference | None = None
+        self.touch: FirstTouch | None = None
+        self._presses_since_touch = 0
         self._pressed: Scene | None = None
         self._afterimage: Image | None = None
         self._stack = ExitStack()
@@ -195,6 +213,23 @@ class Station:
     def mount(self, indenter: Indenter) -> None:
         """Note that another indenter was mounted; first touch has to be found again."""
         self.indenter, self.geometry = indenter, geometry_of(self.settings, indenter)
+        self.touch = None
+
+    # First touch
+
+    @property
+    def touch_is_due(self) -> bool:
+        """Return whether first touch is to be found before the next press, or found again."""
+        if self.touch is None:
+            return True
+        contact = self.settings.contact
+        old = time.monotonic() - self.touch.found_s >= 60.0 * contact.every_minutes
+        return old or self._presses_since_touch >= contact.every_presses
+
+    def set_touch(self, touch: FirstTouch) -> None:
+        """Count depths from a first touch that was found just now."""
+        self.touch, self._presses_since_touch = touch, 0
+        self.geometry = self.geometry.with_z0(touch.z0_mm)
 
     # Checks
 
@@ -217,12 +252,7 @@ class Station:
         """
         self.do(lambda m: m.raise_straight(self.geometry))
         rest = Reference.of(self.camera.after(time.monotonic_ns(), REST_FRAMES))
-        if rest.pins_differ(self.settings.sensor):
-            raise UserError(
-                f"the undeformed sensor shows {rest.pins} pins, sensor.pins says "
-                f"{self.settings.sensor.pins}; look at light, focus and camera.crop (`tactibench "
-                "hw live` shows the frame), or correct sensor.pins."
-            )
+        rest.check_pins(self.settings.sensor)
         self.rest = rest
         return rest
 
@@ -309,6 +339,7 @@ class Station:
         rest = self.rest_reference()
         path = self.path(scene)
         expected = path_seconds(path, self.settings, 30.0)
+        self._presses_since_touch += 1
         with self.at(scene):
             settled_ns, before, state = self.do(lambda m: self._settle(m, path), expected)
             reached = self.geometry.reached(scene, before)
@@ -320,11 +351,8 @@ class Station:
             self.retract(scene)
         return PressResult(reached, check, settled_ns, path.down, before, after, state, looks)
 
-    def press_checked(self, scene: Scene) -> tuple[PressResult, str]:
+    def press_checked(self, scene: Scene) -> PressResult:
         """Press between two undeformed frames, which show a camera that lags.
-
-        Returns:
-            The press, and why its frame cannot be kept; "" where it can.
 
         Raises:
             RobotError: A move failed, or was stopped by a guard.
@@ -335,10 +363,10 @@ class Station:
         """
         self._wait_undeformed()
         result = self.press(scene)
-        reason = result.check.reason
-        if not self._looks_undeformed(result.check.image) and not reason:
+        if not self._looks_undeformed(result.check.image) and not result.check.reason:
             reason = "the frame after it still shows a contact: the camera lags, or the skin sticks"
-        return result, reason
+            return replace(result, check=replace(result.check, reason=reason))
+        return result
 
     def _settle(self, mover: Mover, path: PressPath) -> tuple[int, Pose6, RobotState]:
         self.down(mover, path)
@@ -400,10 +428,5 @@ class Station:
         """
         if self.robot.at_switches:
             mover.come_in(self.settings.robot.approach_mm_s)
-        violation = envelope_violation(self.settings.envelope, mover.pose())
-        if violation:
-            raise UserError(
-                f"the tool stands at {violation}; drive it into the envelope above the sensor "
-                "first, with the pendant or `tactibench hw jog`."
-            )
+        mover.check_inside()
         mover.raise_straight(self.geometry)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,9 +19,8 @@ from tactibench import Pose, Scene, UserError
 from tactibench_tactip.camera import Image
 from tactibench_tactip.geometry import NEAR_MM, Array
 from tactibench_tactip.motion import Guard, Mover
-from tactibench_tactip.robots import GuardError, NoTouchError
-from tactibench_tactip.settings import Settings
-from tactibench_tactip.station import Station
+from tactibench_tactip.robots import GuardError, RobotError
+from tactibench_tactip.station import FirstTouch, Station
 
 STEP_MM = 0.1
 """Step of a search by eye: smaller than a press that is seen (``SEEN_MM`` of frame_check)."""
@@ -44,87 +42,39 @@ Touched = Callable[[list[Image]], bool]
 """A function of the frames at a place, which returns whether there is contact."""
 
 
-@dataclass(frozen=True)
-class FirstTouch:
-    """The place of first touch.
+def find_touch(station: Station, scene: Scene | None = None) -> FirstTouch:
+    """Take a new rest frame, find first touch from it, and set it in the station.
 
-    Attributes:
-        z0_mm: First touch along the work frame's z.
-        spread_mm: Difference of two searches.
-        method: Method of the search.
-        power: Power with which the change grew; 0 where none was measured.
-    """
-
-    z0_mm: float
-    spread_mm: float
-    method: str
-    power: float = 0.0
-
-
-class TouchAge:
-    """The age of a first touch that was found just now, which tells when it is found again.
-
-    Attributes:
-        presses: Presses since then, which the caller counts.
-    """
-
-    def __init__(self, settings: Settings) -> None:
-        self.presses = 0
-        self._contact = settings.contact
-        self._found_at = time.monotonic()
-
-    @property
-    def is_due(self) -> bool:
-        """Return whether ``contact.every_presses`` or ``contact.every_minutes`` have passed."""
-        age_s = time.monotonic() - self._found_at
-        old = age_s >= 60.0 * self._contact.every_minutes
-        return old or self.presses >= self._contact.every_presses
-
-
-@dataclass(frozen=True)
-class Approach:
-    """The way down of a search at one place.
-
-    Attributes:
-        station: An open station.
-        place: Place of the search.
-        guard: Guard that compares with the force before the search, when nothing was touched. A
-            guard made anew at every step would not see a force that grows with the steps.
-    """
-
-    station: Station
-    place: Scene
-    guard: Guard
-
-
-def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> FirstTouch:
-    """Find first touch and set it in the station's geometry.
+    The first search is over all of ``contact.travel_mm``; a later one begins a little before the
+    last first touch.
 
     Args:
         station: An open station.
-        first: Whether to search all of ``contact.travel_mm``; otherwise the search begins a little
-            before the last first touch.
         scene: Place of the search; None: ``contact.at_mm``.
 
     Raises:
-        NoTouchError: Nothing was touched.
+        RobotError: Nothing was touched, or a move failed.
         UserError: Two searches differ by more than ``contact.spread_mm``, or the robot does not
             allow ``contact.method``.
     """
     contact = station.settings.contact
+    station.look_at_rest()
     if contact.method == "fixed":
-        return FirstTouch(contact.fixed_mm, 0.0, "fixed")
-    place = scene or Scene(station.indenter, Pose(*contact.at_mm))
+        touch = FirstTouch(contact.fixed_mm, 0.0)
+    else:
+        touch = _search(station, scene or Scene(station.indenter, Pose(*contact.at_mm)))
+    station.set_touch(touch)
+    return touch
 
-    def untouched_guard(mover: Mover) -> Guard:
-        mover.raise_straight(station.geometry)
-        return mover.force_guard()
 
-    search = _search_image if contact.method == "visual" else _search_force
+def _search(station: Station, place: Scene) -> FirstTouch:
+    """Search twice at one place, and return the mean."""
+    contact = station.settings.contact
     with station.at(place):
-        approach = Approach(station, place, station.do(untouched_guard))
-        once, power = search(approach, -contact.travel_mm if first else -AGAIN_MM)
-        twice, _ = search(approach, once - AGAIN_MM)
+        search = _Search(station, place)
+        find = search.by_image if contact.method == "visual" else search.by_force
+        once = find(-contact.travel_mm if station.touch is None else -AGAIN_MM)
+        twice = find(once - AGAIN_MM)
         station.retract(place)
     spread = abs(once - twice)
     if spread > contact.spread_mm:
@@ -133,9 +83,7 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
             f"allows {contact.spread_mm:g}; tighten the mounts, let the light warm up, or lengthen "
             "timing.settle_s."
         )
-    z0 = station.geometry.z0 + 0.5 * (once + twice)
-    station.geometry = station.geometry.with_z0(z0)
-    return FirstTouch(z0, spread, contact.method, power)
+    return FirstTouch(station.geometry.z0 + 0.5 * (once + twice), spread)
 
 
 def projections(images: Array, rest: Array) -> Array:
@@ -151,8 +99,8 @@ def projections(images: Array, rest: Array) -> Array:
     return shares
 
 
-def fit_onset(depths: Array, signal: Array) -> tuple[float, float]:
-    """Return s0, mm, and p of the least-squares fit of q = a max(0, s - s0)^p.
+def fit_onset(depths: Array, signal: Array) -> float:
+    """Return s0, mm, of the least-squares fit of q = a max(0, s - s0)^p.
 
     Args:
         depths: (N,) s, mm, ascending.
@@ -160,103 +108,112 @@ def fit_onset(depths: Array, signal: Array) -> tuple[float, float]:
     """
     last = float(depths[-1])
     starts = np.arange(float(depths[0]), last - STEP_MM, GRID_MM)
-    best = (np.inf, float(depths[0]), 1.0)
+    best = (np.inf, float(depths[0]))
     for power in POWERS:
         base = np.maximum(0.0, depths[None, :] - starts[:, None]) ** power
         scale = base @ signal / np.maximum((base**2).sum(axis=1), 1e-12)
         errors = ((scale[:, None] * base - signal) ** 2).sum(axis=1)
         k = int(np.argmin(errors))
-        if errors[k] < best[0]:
-            best = (float(errors[k]), float(starts[k]), float(power))
-    return best[1], best[2]
+        best = min(best, (float(errors[k]), float(starts[k])))
+    return best[1]
 
 
-def _search_image(approach: Approach, start: float) -> tuple[float, float]:
-    """Return the depth, in the present geometry, at which the image begins to change, and a power.
+class _Search:
+    """A search at one place; its results are depths in the present geometry, mm.
 
-    The power is that with which the change grows.
+    Its guard compares with the force before the search, when nothing was touched. A guard made anew
+    at every step would not see a force that grows with the steps.
+
+    Args:
+        station: An open station.
+        place: Place of the search.
     """
-    station = approach.station
-    rest = station.rest_reference()
 
-    def touched(images: list[Image]) -> bool:
-        return all(rest.change_of(image) > rest.threshold for image in images)
+    def __init__(self, station: Station, place: Scene) -> None:
+        self._station, self._place = station, place
+        self._raise()
+        self._guard: Guard = station.do(lambda m: m.force_guard())
 
-    noticed = _go_down(approach, start, touched)
-    steps = np.arange(noticed - BEFORE_MM - STEP_MM, noticed + BEYOND_MM + 1e-9, STEP_MM)
-    station.do(lambda m: _step(m, approach, float(steps[0]) - 0.2))
-    depths, images = [], []
-    for depth in steps:
-        reached, frames = _look(approach, float(depth), FRAMES)
-        depths.append(reached)
-        images.append(np.mean(frames, axis=0))
-    return fit_onset(np.array(depths), projections(np.array(images), rest.mean))
+    def by_image(self, start: float) -> float:
+        """Return the depth at which the image begins to change."""
+        rest = self._station.rest_reference()
 
+        def touched(images: list[Image]) -> bool:
+            return all(rest.change_of(image) > rest.threshold for image in images)
 
-def _search_force(approach: Approach, start: float) -> tuple[float, float]:
-    station = approach.station
-    station.do(lambda m: m.raise_straight(station.geometry))
-    before = station.do(lambda m: m.force())
-    if before is None:
-        raise UserError(
-            "contact.method is 'force', but this robot measures none; say contact.method = "
-            '"visual".'
+        noticed = self._go_down(start, touched)
+        steps = np.arange(noticed - BEFORE_MM - STEP_MM, noticed + BEYOND_MM + 1e-9, STEP_MM)
+        self._station.do(lambda m: self._step(m, float(steps[0]) - 0.2))
+        depths, images = [], []
+        for depth in steps:
+            reached, frames = self._look(float(depth), FRAMES)
+            depths.append(reached)
+            images.append(np.mean(frames, axis=0))
+        return fit_onset(np.array(depths), projections(np.array(images), rest.mean))
+
+    def by_force(self, start: float) -> float:
+        """Return the depth at which the robot feels ``contact.force_n``."""
+        station = self._station
+        self._raise()
+        before = station.do(lambda m: m.force())
+        if before is None:
+            raise UserError(
+                "contact.method is 'force', but this robot measures none; say contact.method = "
+                '"visual".'
+            )
+        least = station.settings.contact.force_n
+
+        def touched(_: list[Image]) -> bool:
+            force = station.do(lambda m: m.force())
+            return force is not None and float(np.linalg.norm(force - before)) >= least
+
+        return self._go_down(start, touched)
+
+    def _raise(self) -> None:
+        self._station.do(lambda m: m.raise_straight(self._station.geometry))
+
+    def _go_down(self, start: float, touched: Touched) -> float:
+        """Go down in steps, and return the depth at which the sensor was touched.
+
+        Raises:
+            RobotError: Nothing was touched.
+        """
+        end = max(self._station.settings.contact.travel_mm, start + AGAIN_MM)
+        self._raise()
+        for depth in np.arange(start, end + 1e-9, STEP_MM):
+            reached, images = self._look(float(depth), NOTICE_FRAMES)
+            if touched(images):
+                return reached
+        raise RobotError(
+            f"nothing was touched from {-start:.1f} mm before the expected place to {end:.1f} mm "
+            "beyond it; check frames.work_frame and frames.tcp_pose, or allow more with "
+            "contact.travel_mm."
         )
-    least = station.settings.contact.force_n
 
-    def touched(_: list[Image]) -> bool:
-        force = station.do(lambda m: m.force())
-        return force is not None and float(np.linalg.norm(force - before)) >= least
+    def _look(self, depth: float, count: int) -> tuple[float, list[Image]]:
+        """Go to a depth and settle; return the depth reached, and frames there."""
+        station = self._station
 
-    return _go_down(approach, start, touched), 0.0
+        def arrive(mover: Mover) -> tuple[int, float]:
+            self._step(mover, depth)
+            mover.rest(station.settings.timing.settle_s)
+            reached = station.geometry.reached(self._place, mover.pose())
+            return time.monotonic_ns(), reached.pose.depth
 
+        settled_ns, reached = station.do(arrive)
+        return reached, [frame.image for frame in station.camera.after(settled_ns, count)]
 
-def _go_down(approach: Approach, start: float, touched: Touched) -> float:
-    """Go down in steps, and return the depth at which the sensor was touched.
-
-    Raises:
-        NoTouchError: Nothing was touched.
-    """
-    station = approach.station
-    end = max(station.settings.contact.travel_mm, start + AGAIN_MM)
-    station.do(lambda m: m.raise_straight(station.geometry))
-    for depth in np.arange(start, end + 1e-9, STEP_MM):
-        reached, images = _look(approach, float(depth), NOTICE_FRAMES)
-        if touched(images):
-            return reached
-    raise NoTouchError(
-        f"nothing was touched from {-start:.1f} mm before the expected place to {end:.1f} mm "
-        "beyond it; check frames.work_frame and frames.tcp_pose, or allow more with "
-        "contact.travel_mm."
-    )
-
-
-def _look(approach: Approach, depth: float, count: int) -> tuple[float, list[Image]]:
-    """Go to a depth and settle; return the depth reached, and frames there."""
-    station = approach.station
-
-    def arrive(mover: Mover) -> tuple[int, float]:
-        _step(mover, approach, depth)
-        mover.rest(station.settings.timing.settle_s)
-        reached = station.geometry.reached(approach.place, mover.pose())
-        return time.monotonic_ns(), reached.pose.depth
-
-    settled_ns, reached = station.do(arrive)
-    return reached, [frame.image for frame in station.camera.after(settled_ns, count)]
-
-
-def _step(mover: Mover, approach: Approach, depth: float) -> None:
-    """Move straight to a depth on the approach of a place, sideways only at clearance."""
-    station, place, guard = approach.station, approach.place, approach.guard
-    settings, geometry = station.settings, station.geometry
-    pose = geometry.reached(place, mover.pose()).pose
-    if max(abs(pose.x - place.pose.x), abs(pose.y - place.pose.y)) > ASIDE_MM:
-        mover.raise_straight(geometry)
-        mover.go(geometry.path(place).above, settings.robot.approach_mm_s)
-    if pose.depth < -settings.contact.travel_mm - 0.5 and depth > -NEAR_MM:
-        near = geometry.at_depth(place, min(depth, -NEAR_MM))
-        mover.go(near, settings.robot.approach_mm_s, guard)
-    mover.go(geometry.at_depth(place, depth), settings.robot.press_mm_s, guard)
-    reason = guard(mover.pose())  # a step may have ended before the guard looked
-    if reason:
-        raise GuardError(reason)
+    def _step(self, mover: Mover, depth: float) -> None:
+        """Move straight to a depth on the approach of the place, sideways only at clearance."""
+        place, settings, geometry = self._place, self._station.settings, self._station.geometry
+        pose = geometry.reached(place, mover.pose()).pose
+        if max(abs(pose.x - place.pose.x), abs(pose.y - place.pose.y)) > ASIDE_MM:
+            mover.raise_straight(geometry)
+            mover.go(geometry.path(place).above, settings.robot.approach_mm_s)
+        if pose.depth < -settings.contact.travel_mm - 0.5 and depth > -NEAR_MM:
+            near = geometry.at_depth(place, min(depth, -NEAR_MM))
+            mover.go(near, settings.robot.approach_mm_s, self._guard)
+        mover.go(geometry.at_depth(place, depth), settings.robot.press_mm_s, self._guard)
+        reason = self._guard(mover.pose())  # a step may have ended before the guard looked
+        if reason:
+            raise GuardError(reason)

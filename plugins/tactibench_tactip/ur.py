@@ -6,7 +6,6 @@ CB3), and a blocking ``moveL`` beside a watchdog kick loses the handshake that e
 
 from __future__ import annotations
 
-import json
 import re
 import secrets
 import socket
@@ -112,13 +111,13 @@ class UrLink:
         self._link = self._start()
         first = {"host": host, "tcp": tcp, "watchdog_hz": watchdog_hz}
         try:
-            self._link.send_bytes(json.dumps(first).encode())
+            self._link.send(first)
             if not self._link.poll(seconds):
                 raise RobotError(
                     f"the UR at {host} did not answer within {seconds:g} s; check that it is "
                     "switched on and that nothing else controls it."
                 )
-            reply = json.loads(self._link.recv_bytes())
+            reply = self._link.recv()
         except (EOFError, OSError):
             reply = {"failed": "the process that talks to it ended"}
         except BaseException:
@@ -145,9 +144,9 @@ class UrLink:
         with self._lock:
             self._asked_at = 0.0
             try:
-                self._link.send_bytes(json.dumps([what, given]).encode())
+                self._link.send((what, given))
                 if self._link.poll(ORDER_S):
-                    return json.loads(self._link.recv_bytes())
+                    return self._link.recv()
                 self._link.close()  # a late answer must not be taken for that of another order
             except (EOFError, OSError):
                 pass

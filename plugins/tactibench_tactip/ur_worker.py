@@ -11,7 +11,6 @@ Poses are here as the controller has them, m and a rotation vector, rad.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from multiprocessing.connection import Client, Connection
@@ -113,19 +112,19 @@ class Arm:
 
 def serve(link: Connection) -> None:
     """Carry out the orders of the other side until the connection ends."""
-    first = json.loads(link.recv_bytes())
+    first = link.recv()
     try:
         arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
     except Exception as error:  # noqa: BLE001 - sent to the other side
-        _send(link, {"failed": " ".join(str(error).split())})
+        link.send({"failed": " ".join(str(error).split())})
         return
-    _send(link, {"ready": True, "tcp": arm.tcp_before})
+    link.send({"tcp": arm.tcp_before})
     due = time.monotonic()
     try:
         while True:
             while link.poll(max(0.0, due - time.monotonic())):
-                name, given = json.loads(link.recv_bytes())
-                _send(link, getattr(arm, name)(*given))
+                name, given = link.recv()
+                link.send(getattr(arm, name)(*given))
             arm.kick()
             due = max(due + 1.0 / HZ, time.monotonic())
     except (EOFError, OSError):  # the other side is gone
@@ -133,10 +132,6 @@ def serve(link: Connection) -> None:
     finally:
         arm.stop()
         arm.close()
-
-
-def _send(link: Connection, value: Any) -> None:
-    link.send_bytes(json.dumps(value).encode())
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from tactibench_tactip import (
     HIGHER_MM,
     OFFSET,
     Station,
+    find_touch,
     read_settings,
 )
 
@@ -68,7 +69,7 @@ def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "mounted" in said
     assert "two tips of radius 3 mm, 8 mm apart" in said
     assert "2 presses" in said
-    assert "a hand mounts an indenter 1 time: about 3 min more, 3 min each" in said
+    assert "indenters to mount by hand: 1, which takes about 3 min 0 s more" in said
 
 
 @pytest.mark.parametrize(
@@ -114,8 +115,9 @@ def test_the_sensor_finds_first_touch_again_as_configured(
     write_settings(config, contact=FIXED_TOUCH | contact)
     stand_in(FakeRobot, monkeypatch)
 
-    def find(station: Station, *, first: bool) -> None:
-        found.append(first)
+    def find(station: Station) -> None:
+        found.append(station.touch is None)
+        find_touch(station)
 
     monkeypatch.setattr("tactibench_tactip.sensor.find_touch", find)
     context = SensorContext(np.random.SeedSequence(0))

@@ -16,6 +16,7 @@ from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import open_dataset
 from tactibench.lab import Press
 from tactibench_tactip import (
+    Callbacks,
     Camera,
     CollectionPlan,
     GuardError,
@@ -98,7 +99,7 @@ def test_sigterm_before_the_first_press_ends_a_collection_at_once(
         signal.pthread_kill(MAIN, signal.SIGTERM)
 
     robot.fails = sent
-    report = collect(settings, PLAN, tmp_path / "data")
+    report = collect(settings, PLAN, tmp_path / "data", callbacks=Callbacks())
     assert (report.interrupted, report.left) == (True, 1)
     dataset = open_dataset(tmp_path / "data")
     assert dataset.header.status == "open"
@@ -294,7 +295,9 @@ def test_the_speed_of_a_session_is_not_the_data_sets(
         begin(pose, speed, acceleration)
 
     robot.start = start  # type: ignore[method-assign]
-    assert collect(settings, PLAN, tmp_path / "data", speed_scale=0.1).left == 0
+    assert (
+        collect(settings, PLAN, tmp_path / "data", callbacks=Callbacks(), speed_scale=0.1).left == 0
+    )
     keys = settings.robot
     assert max(speeds) <= 0.1 * max(keys.retract_mm_s, keys.approach_mm_s) + 1e-9
     dataset = open_dataset(tmp_path / "data")

@@ -15,7 +15,7 @@ from tactibench import UserError
 from tactibench_tactip import (
     Camera,
     GuardError,
-    NoTouchError,
+    RobotError,
     Settings,
     Station,
     find_touch,
@@ -31,7 +31,7 @@ def test_the_begin_of_a_power_law_is_found(start: float, power: float, seed: int
     depths = np.arange(-0.4, 0.65, 0.1)
     signal = 0.7 * np.maximum(0.0, depths - start) ** power
     noisy = signal + np.random.default_rng(seed).normal(0.0, 1e-4, len(depths))
-    found, _ = fit_onset(depths, noisy)
+    found = fit_onset(depths, noisy)
     assert found == pytest.approx(start, abs=0.02)
 
 
@@ -51,18 +51,18 @@ def station(settings: Settings, robot: FakeRobot, camera: Camera) -> Station:
 
 def test_first_touch_is_found_and_taken_over(station: Station) -> None:
     with camera_of(station), station:
-        touch = find_touch(station, first=True)
+        touch = find_touch(station)
         assert touch.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
         assert station.geometry.z0 == touch.z0_mm
-        again = find_touch(station, first=False)
+        again = find_touch(station)
         assert again.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
 
 
 def test_nothing_there_is_said(station: Station, capture: FakeCapture, robot: FakeRobot) -> None:
     capture.robot = None
     with camera_of(station), station:
-        with pytest.raises(NoTouchError, match=r"3\.0 mm before.*contact.travel_mm"):
-            find_touch(station, first=True)
+        with pytest.raises(RobotError, match=r"3\.0 mm before.*contact.travel_mm"):
+            find_touch(station)
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
 
 
@@ -76,7 +76,7 @@ def test_a_force_that_grows_with_the_steps_ends_a_search(
     robot.fails = lambda _: deepest.append(robot.depth())
     with camera, station:
         with pytest.raises(GuardError, match="max_force_n"):
-            find_touch(station, first=True)
+            find_touch(station)
         assert max(deepest) < 0.4
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
 
@@ -87,10 +87,9 @@ def test_force_is_asked_of_a_robot_that_measures_it(
     settings = make(contact={"method": "force", "force_n": 1.0})
     with camera, Station(settings, robot, camera) as station:
         with pytest.raises(UserError, match="measures none"):
-            find_touch(station, first=True)
+            find_touch(station)
         robot.stiffness = 2.0
-        touch = find_touch(station, first=True)
-    assert touch.method == "force"
+        touch = find_touch(station)
     assert touch.z0_mm == pytest.approx(
         TRUE_Z0 + 0.6, abs=0.15
     )  # half a newton a mm, one step late
@@ -102,7 +101,7 @@ def test_a_fixed_place_moves_nothing(
     settings = make(contact={"method": "fixed", "fixed_mm": 0.3})
     with camera, Station(settings, robot, camera) as station:
         before = len(robot.moves)
-        assert find_touch(station, first=True).z0_mm == 0.3
+        assert find_touch(station).z0_mm == 0.3
         assert len(robot.moves) == before
 
 

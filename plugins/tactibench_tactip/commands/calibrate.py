@@ -128,17 +128,15 @@ def measure_place(
     spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in angles)]
     deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
     station.check_scenes("the calibration", deep)
-    rest = station.look_at_rest()
     places, heights, seen = [], [], []
-    for number, scene in enumerate(deep):
+    for scene in deep:
         place = replace(scene, pose=replace(scene.pose, depth=0.0))
-        station.look_at_rest()
-        find_touch(station, first=number == 0, scene=place)
+        find_touch(station, place)
         tool = station.geometry.tool_pose(place)
         places.append(tool[:2])
         heights.append(tool[2])
         result = station.press(scene)
-        seen.append(middle_of(result.check.image, rest.mean))
+        seen.append(middle_of(result.check.image, station.rest_reference().mean))
         advance(1)
     reach = station.settings.sensor.dome_radius_mm + indenter.radius
     centre, z0, std, rms = fit_centre(np.array(places), np.array(heights), reach)

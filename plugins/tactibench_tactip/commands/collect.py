@@ -9,13 +9,13 @@ from typing import Any
 import click
 
 from tactibench import Indenter, UserError
+from tactibench.report import duration
 from tactibench_tactip.collection import Callbacks, SessionReport, dry_run
 from tactibench_tactip.collection import collect as collect_presses
 from tactibench_tactip.commands.output import (
     Verb,
     config_option,
     device_options,
-    format_duration,
     is_quiet,
     number_option,
     open_devices,
@@ -24,6 +24,7 @@ from tactibench_tactip.commands.output import (
 )
 from tactibench_tactip.geometry import geometry_of
 from tactibench_tactip.plan import (
+    by_indenter,
     check_plan,
     describe_indenter,
     estimate_seconds,
@@ -80,21 +81,20 @@ def plan(
     check_plan(planned, settings, geometry_of(settings), turns=make_robot(settings).turns)
     rows: list[tuple[str, str, str, str]] = []
     total, hands = 0.0, 0
-    for indenter, group in planned.mounts():
+    for indenter, group in by_indenter(planned.presses).items():
         name, seconds = describe_indenter(indenter), estimate_seconds(group, settings)
         total += seconds
         mounted = "mounted" if is_mounted(settings.indenter.indenter(), indenter) else ""
         hands += not mounted
-        rows.append((name, f"{len(group):,}", format_duration(seconds), mounted))
+        rows.append((name, f"{len(group):,}", duration(seconds), mounted))
     print_rows(("indenter", "presses", "time", ""), rows[:MOST_ROWS])
     if len(rows) > MOST_ROWS:
         click.echo(f"... and {len(rows) - MOST_ROWS:,} more indenters")
-    time = format_duration(total)
+    time = duration(total)
     click.echo(f"{len(planned):,} presses of {presses}, all inside the envelope; about {time}")
     if hands:
-        times = f"{hands:,} time{'s' if hands > 1 else ''}"
-        changes, each = format_duration(hands * MOUNT_S), format_duration(MOUNT_S)
-        click.echo(f"a hand mounts an indenter {times}: about {changes} more, {each} each")
+        more = duration(hands * MOUNT_S)
+        click.echo(f"indenters to mount by hand: {hands:,}, which takes about {more} more")
 
 
 @click.command("collect")
@@ -149,7 +149,7 @@ def collect(
             )
             return INTERRUPTED if left else 0
         if not is_quiet():
-            time = format_duration(estimate_seconds(plan.presses, slow))
+            time = duration(estimate_seconds(plan.presses, slow))
             line = f"{len(plan):,} presses of {presses}, about {time} of a robot's time"
             click.echo(line, err=True)
         with progress_bar("press", len(plan)) as advance:

@@ -14,12 +14,7 @@ import click
 from tactibench import UserError
 from tactibench_tactip.camera import Reference
 from tactibench_tactip.collection import warm_up
-from tactibench_tactip.commands.output import (
-    device_options,
-    number_option,
-    open_devices,
-    print_rows,
-)
+from tactibench_tactip.commands.output import device_options, number_option, open_devices
 from tactibench_tactip.geometry import envelope_violation, geometry_of
 from tactibench_tactip.motion import SLACK_MM, Mover, RobotThread
 from tactibench_tactip.robots import NotHomedError, Robot, make_robot
@@ -27,8 +22,6 @@ from tactibench_tactip.settings import Pose6, Settings
 
 FAILED = 1
 LOOK_S, MOVE_S = 10.0, 120.0
-RATE_FRAMES = 30
-"""Frames over which the camera's rate is measured."""
 Row = tuple[str, str, str]
 """Mark, part of the setup, finding."""
 
@@ -53,7 +46,8 @@ def doctor(**device: Any) -> int:
     """
     with open_devices(**device) as settings:
         rows = [*check_setup(settings)]
-    print_rows(("", "", "found"), rows)
+    for mark, part, text in rows:
+        click.echo(f"{mark:<5}  {part:<10}  {text}")
     wrong = sum(mark == "WRONG" for mark, _, _ in rows)
     click.echo(f"{wrong} of {len(rows)} wrong" if wrong else "all as the configuration says")
     return FAILED if wrong else 0
@@ -81,17 +75,10 @@ def _look_at_camera(settings: Settings) -> Iterator[tuple[str, str]]:
         yield "exposure", f"{actual.exposure:g}, {automatic}"
         warm_up(camera, settings)
         # Not before: the first frames of a stream wait in its buffer and come all at once.
-        begin, before = time.monotonic(), camera.frames
-        camera.fresh(time.monotonic_ns(), RATE_FRAMES)
-        rate = (camera.frames - before) / (time.monotonic() - begin)
-        yield "frames", f"{rate:.1f} a second"
+        yield "frames", f"{1.0 / camera.period_s:.1f} a second"
         rest = Reference.of(frames)
         yield "brightness", f"{rest.brightness:.1f} grey levels, steady; noise {rest.between:.2f}"
-        if rest.pins_differ(settings.sensor):
-            raise UserError(
-                f"{rest.pins} pins are seen, sensor.pins says {settings.sensor.pins}; draw the "
-                "tool away, look at light, focus and camera.crop, or correct sensor.pins."
-            )
+        rest.check_pins(settings.sensor)
         uncounted = "" if settings.sensor.pins else ", which are not counted: set sensor.pins"
         yield "pins", f"{rest.pins}{uncounted}"
 
@@ -114,14 +101,7 @@ def _look_at_robot(settings: Settings) -> Iterator[tuple[str, str]]:
             raise UserError(f"{state.description}; clear that first.")
         force = "not measured" if state.force_n is None else "measured"
         yield "state", f"{state.description}; force {force}"
-        pose = thread.do(lambda mover: mover.pose(), LOOK_S)
-        violation = envelope_violation(settings.envelope, pose)
-        if violation:
-            raise UserError(
-                f"the tool stands at {violation}; drive it into the envelope above the sensor, "
-                "with the pendant or `tactibench hw jog`."
-            )
-        x, y, z = pose[:3]
+        x, y, z, *_ = thread.do(lambda mover: mover.check_inside(), LOOK_S)
         yield "tool", f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm of the work frame, inside the envelope"
 
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-import numpy.typing as npt
 
-from tactibench import Contacts, Frame, Model, PlatePose, Pose
+from tactibench import Frame, Model, Pose
 from tactibench.lab import trained_model
 from tactibench.live import (
     AnswerView,
@@ -93,8 +92,8 @@ def live(
         presses: Future[None] | None = None
         if press:
             station = stack.enter_context(Station(settings))
-            camera, rest = station.camera, station.rest_reference().image
             presses = stack.enter_context(press_meanwhile(station))
+            camera, rest = station.camera, station.rest_reference().image
         else:
             camera = stack.enter_context(make_robot(settings).camera(settings.camera))
             rest = Reference.of(camera.fresh(time.monotonic_ns(), REST_FRAMES)).image
@@ -102,75 +101,49 @@ def live(
         if page is not None:
             click.echo(f"live view: {page.url}", err=True)
         pins, terminal = PinLines(rest), sys.stderr.isatty()
-
-        def show(reading: LiveReading) -> bool:
+        latencies_ms: list[float] = []
+        before = 0
+        for frame, answer in islice(watch(camera, network, rest), WARM_UP + frames):
             if page is not None:
-                image = reading.frame.image
-                answer = AnswerView(reading.prediction, reading.latency_ms, reading.maps)
-                page.show(FrameView(image, pins(image), [answer]))
+                page.show(FrameView(frame.image, pins(frame.image), [answer]))
             elif terminal:
-                line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
+                line = f"{answer.ms:6.1f} ms  {describe_prediction(answer.prediction)}"
                 click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
-            return presses is None or not presses.done() or presses.exception() is None
-
-        raw_ms, dropped = watch(camera, network, rest, frames, show)
+            if presses is not None and presses.done() and presses.exception() is not None:
+                break  # the block raises it
+            latencies_ms.append(answer.ms)
+            before = camera.frames if len(latencies_ms) == WARM_UP else before
+        counted = latencies_ms[WARM_UP:]
+        dropped = max(0, camera.frames - before - len(counted)) / max(1, len(counted))
     if terminal:
         click.echo(err=True)
-    _print_latency(raw_ms, dropped, label)
+    values = (*np.percentile(counted, (50, 90, 99)), np.mean(counted))
+    print_rows(
+        ("loop, ms", "p50", "p90", "p99", "mean", "frames", "dropped"),
+        [(label, *(f"{value:.1f}" for value in values), f"{len(counted):,}", f"{dropped:.0%}")],
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class LiveReading:
-    """One turn of the loop.
-
-    Attributes:
-        frame: The camera's frame.
-        prediction: Prediction of the model.
-        maps: (C, H, W) maps behind it, or None.
-        latency_ms: Time from the frame's arrival to the prediction.
-    """
-
-    frame: CameraFrame
-    prediction: Contacts | PlatePose | None
-    maps: npt.NDArray[Any] | None
-    latency_ms: float
-
-
-def watch(
-    camera: Camera, model: Model, rest: Image, turns: int, show: Callable[[LiveReading], bool]
-) -> tuple[list[float], float]:
-    """Let a model read the newest frame, again and again; the first turns are not counted.
+def watch(camera: Camera, model: Model, rest: Image) -> Iterator[tuple[CameraFrame, AnswerView]]:
+    """Let a model read the newest frame, again and again.
 
     Args:
         camera: An open camera.
         model: A trained model.
         rest: (H, W) uint8 image of the undeformed sensor.
-        turns: Number of turns that are counted.
-        show: Called at every turn after its time was taken; False ends the loop.
 
-    Returns:
-        The latency of every turn, ms, without the wait for the frame, and the frames that came
-        while the model was at work, for each frame that it read.
+    Yields:
+        The frame, and the answer to it with the latency from the frame's arrival.
 
     Raises:
         CameraError: The camera gives no frames.
     """
-    raw: list[float] = []
-    start = 0
     since_ns = time.monotonic_ns()
-    for turn in range(WARM_UP + turns):
-        if turn == WARM_UP:
-            start = camera.frames
+    while True:
         frame = camera.fresh(since_ns, 1)[0]
         prediction, maps = ask(model, Frame(frame.image, frame.t_ns * 1e-9, Pose(), rest))
         since_ns = time.monotonic_ns()
-        latency = (since_ns - frame.t_ns) * 1e-6
-        if turn >= WARM_UP:
-            raw.append(latency)
-        if not show(LiveReading(frame, prediction, maps, latency)):
-            break
-    raw = raw or [float("nan")]
-    return raw, max(0, camera.frames - start - len(raw)) / len(raw)
+        yield frame, AnswerView(prediction, (since_ns - frame.t_ns) * 1e-6, maps)
 
 
 @contextmanager
@@ -189,7 +162,7 @@ def press_meanwhile(station: Station) -> Iterator[Future[None]]:
         UserError: First touch is not found, or a press may not be made.
     """
     plan = plan_of("exp1", station.settings, draws=("singles",), count=100)
-    find_touch(station, first=True)
+    find_touch(station)
     station.check_plan(plan)
     ended = threading.Event()
 
@@ -210,13 +183,3 @@ def press_meanwhile(station: Station) -> Iterator[Future[None]]:
                 station.stop_now()
     with suppress(StopNowError):
         presses.result()
-
-
-def _print_latency(raw_ms: list[float], dropped: float, label: str) -> None:
-    p50, p90, p99 = (float(value) for value in np.percentile(raw_ms, (50, 90, 99)))
-    values = {"p50": p50, "p90": p90, "p99": p99, "mean": float(np.mean(raw_ms))}
-    row = (label, *(f"{value:.1f}" for value in values.values()))
-    print_rows(
-        ("loop, ms", *values, "frames", "dropped"),
-        [(*row, f"{len(raw_ms):,}", f"{dropped:.0%}")],
-    )
