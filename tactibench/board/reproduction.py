@@ -28,6 +28,7 @@ from tactibench.protocols import recorded_version
 from tactibench.records import BoundSpec, Metric, Record, Reproduction
 from tactibench.run import (
     Reporter,
+    RunPlan,
     RunRequest,
     environment_facts,
     execute,
@@ -123,6 +124,7 @@ def reproduce(
     with TemporaryDirectory(prefix="tactibench-") as folder:
         place = Path(folder)
         plan = make_plan(request, host, cache or place / "cache", store=place / "runs")
+        _refuse_another_recording(record, plan)
         again = execute(plan, reporter, timed=False).record
     return ReproducedRun(path, record, again, tuple(_compare(record, again)))
 
@@ -189,6 +191,15 @@ def _folder(record: Record, label: str, data: Path | None) -> Path:
         names = " or ".join(map(str, found))
         raise UserError(f"{data} holds several recordings {label!r}; name one: --data {names}.")
     return found[0] if found else data
+
+
+def _refuse_another_recording(record: Record, plan: RunPlan) -> None:
+    recording, here = record.sensor.recording, plan.frames.sensor_identity["describe"]
+    if recording is not None and here.get("sha256") != recording.sha256:
+        raise UserError(
+            f"{plan.request.data} is not the recording that {record.name} read, whose sha256 "
+            f"begins with {recording.sha256[:8]}; name its folder with --data DIR."
+        )
 
 
 def _compare(record: Record, again: Record) -> Iterator[ReproducedMetric]:

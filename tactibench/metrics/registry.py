@@ -21,7 +21,7 @@ from tactibench.contacts import FloatArray
 from tactibench.errors import UserError, did_you_mean
 from tactibench.metrics.spec import Mask, MetricSpec, Sample, members
 from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.protocols import LoadedProtocol
+from tactibench.protocols import LoadedProtocol, board_spec
 from tactibench.records import Metric
 from tactibench.stats import Estimate
 
@@ -60,8 +60,8 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     This is no part of ``read_protocol``, which imports nothing that the metrics compute with.
 
     Raises:
-        UserError: A metric of the protocol does not exist, or is no metric of its kind of answers.
-            The message names a close match.
+        UserError: A metric of the protocol or of its board file does not exist, or is no metric of
+            its kind of answers. The message names a close match.
     """
     spec = protocol.spec
     kind = "plates" if spec.answer == "plate" else "contacts"
@@ -76,6 +76,12 @@ def check_metrics(protocol: LoadedProtocol) -> None:
             f"protocol file {protocol.path}: key {key!r} holds {name!r}, which is no "
             f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
         )
+    for name in sorted(board_spec(spec.label).metrics):
+        if name not in all_metrics():
+            raise UserError(
+                f"the board file of {spec.id!r} shows {name!r}, which is no metric; "
+                f"{did_you_mean(name, all_metrics())}"
+            )
 
 
 def score(

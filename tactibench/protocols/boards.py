@@ -159,6 +159,14 @@ class BoardSpec(_Frozen):
     common: tuple[str, ...] = ()
     run_tables: tuple[RunTable, ...] = ()
 
+    @property
+    def metrics(self) -> frozenset[str]:
+        """Names of all metrics that are shown."""
+        columns = (column for block in self.blocks for column in block.columns)
+        shown = (self.ranking, self.headline, *self.apart.values(), *columns)
+        in_runs = {name for table in self.run_tables for name in table.metrics}
+        return frozenset({one.metric for one in shown if one is not None} | in_runs)
+
 
 class OverviewColumn(Shown):
     """A metric of the overview.

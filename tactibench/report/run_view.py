@@ -306,7 +306,8 @@ def _published_tables(
     run_table: RunTable, record: Record, published: Sequence[PublishedTable]
 ) -> Iterator[Table]:
     """Yield the values of every published row, in the columns of a table of this run."""
-    names = ["", *(HEADS[metric] for metric in run_table.metrics)]
+    units = {metric.metric: metric.unit for metric in record.metrics}
+    names = ["", *(HEADS.get(m, named(m, units.get(m, ""))) for m in run_table.metrics)]
     for paper in published if run_table.compared else ():
         for row in rows_for(record.protocol.id, paper):
             count = f", n {row.n:,} {row.unit}" if row.n else ""

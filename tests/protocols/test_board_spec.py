@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.metrics import all_metrics, find_metric
+from tactibench.metrics import check_metrics, find_metric
 from tactibench.protocols import (
     BoardSpec,
     board_spec,
+    load_protocol,
     protocol_files,
     read_board_spec,
     read_protocol,
@@ -33,11 +34,18 @@ def test_every_protocol_ranks_and_shows_metrics_that_there_are(protocol: str) ->
     assert spec.ranking is not None
     assert find_metric(spec.ranking.metric).better == "lower"
     assert spec.headline is not None
-    assert spec.headline.metric in all_metrics()
-    assert {
-        column.metric for block in spec.blocks for column in block.columns
-    } <= all_metrics().keys()
-    assert {metric for table in spec.run_tables for metric in table.metrics} <= all_metrics().keys()
+    check_metrics(load_protocol(protocol))
+
+
+def test_a_misspelt_metric_of_a_board_is_told_before_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = protocol_files()["exp1"].read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace('"exp1"', '"mine"', 1), encoding="utf-8")
+    written(tmp_path, '[[run_tables]]\ntitle = "T"\nmetrics = { mae_mn = 3 }\n')
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path))
+    with pytest.raises(UserError, match=r"'mine' shows 'mae_mn'.* did you mean 'mae_mm'\?"):
+        check_metrics(load_protocol("mine"))
 
 
 def test_a_board_file_leaves_the_hash_of_its_protocol_alone(tmp_path: Path) -> None:

@@ -237,3 +237,15 @@ def test_the_simulators_own_error(record: Any, errors: list[SimulatorError], lin
     shown = record("exp2")
     shown.data.simulator = errors
     assert error_line(shown) == line
+
+
+def test_a_table_of_ones_own_protocol_heads_any_metric(
+    record: Any, render: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = '[[run_tables]]\ntitle = "Own"\nmetrics = { gospa1_mm = 3 }\ngroups = ["all"]\n'
+    (tmp_path / "lab" / "headed.board.toml").write_text(board, encoding="utf-8")
+    (tmp_path / "lab" / "headed.toml").touch()
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path / "lab"))
+    shown = record("exp1")
+    shown.protocol.id = "headed"
+    assert "GOSPA, p = 1, mm" in render(shown)

@@ -109,6 +109,16 @@ def test_the_recording_is_found_by_its_name_above_it(run, host, tmp_path) -> Non
         request_of_record(made, host, tmp_path)
 
 
+def test_another_recording_than_that_of_the_record_is_refused(submitted, host) -> None:
+    path = submitted()
+    record = json.loads(path.read_text(encoding="utf-8"))
+    del record["identity"]["sealed"]
+    record["sensor"]["recording"] = {"label": "plates", "sha256": "0" * 64}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(UserError, match="None is not the recording that"):
+        reproduce(path, host, NullReporter())
+
+
 @pytest.mark.parametrize("protocol", [p.name for p in sorted(COMMITTED.iterdir())])
 def test_every_committed_record_can_be_made_again(protocol, plugins, tmp_path) -> None:
     """Its plugins are here and have exactly the parameters that it holds."""
