@@ -73,12 +73,12 @@ def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hash
     model, weights = train_model(plan, reporter)
     evaluation = Evaluation(plan, model, TestFrames.open(plan, reporter), reporter)
     predictions = evaluation.predict()
-    maps = predictions.map_arrays
-    metrics = score_arrays(plan.spec, evaluation.truth(), predictions.arrays, maps)
+    arrays, maps = predictions
+    metrics = score_arrays(plan.spec, evaluation.truth(), arrays, maps)
     return {
         **hashes,
         "weights": weights.hash,
-        "predictions": arrays_hash({**predictions.arrays, **maps}),
+        "predictions": arrays_hash({**arrays, **maps}),
         "metrics": digest([str(row) for row in metrics]),
     }
 

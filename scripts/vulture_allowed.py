@@ -40,10 +40,7 @@ round_trip
 save_load
 scores
 commits
-cores_physical
 filters
-memory_gib
-python
 signatures
 
 # Fields of a line of the journal, for readers of the file alone

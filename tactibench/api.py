@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.records import StoredRun, held_name, open_run, stored_runs, unscored_run
+from tactibench.records import STORE, StoredRun, held_name, open_run, stored_runs, unscored_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +46,6 @@ __all__ = [
     "score",
 ]
 
-STORE = Path("runs")
 BOARD = Path("leaderboards")
 PLOTS = ("frontier", "curve", "stability")
 """Kinds of figures of ``plot``."""
@@ -145,7 +144,9 @@ def run(
         UserError: Something does not exist or does not fit, or the model answers something else
             than it declared.
     """
-    return plan(protocol, model, **options).carry_out(_reporter(progress), fresh=fresh)
+    from tactibench.run import execute
+
+    return execute(plan(protocol, model, **options), _reporter(progress), fresh=fresh)
 
 
 def load_run(name: str | Path, store: str | Path = STORE) -> StoredRun:

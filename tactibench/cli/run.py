@@ -91,21 +91,20 @@ def run(
     """
     from tactibench import api
     from tactibench.cli.output import Terminal, show_run
+    from tactibench.run import execute, train_model
 
     terminal = Terminal()
     plan = api.plan(protocol, model, store=store, **options)
     if train_only and not dry_run:
-        _, trained = plan.train(terminal, fresh=fresh)
+        _, trained = train_model(plan, terminal, fresh=fresh)
         _show_training(plan, trained, terminal, json_file)
         return
-    if fresh or not plan.stored:  # a stored run was checked when it was made
-        plan.check()
     if dry_run or not terminal.quiet:
         for line in plan.lines(fresh=fresh):
             terminal.say(line)
     if dry_run:
         return
-    finished = plan.carry_out(terminal, fresh=fresh)
+    finished = execute(plan, terminal, fresh=fresh)
     show_run(terminal, finished, board_folder, full=full)
     save_json(json_file, finished.record.json_values())
 

@@ -55,6 +55,7 @@ from .record import training_instances as training_instances
 from .store import CHECKSUM as CHECKSUM
 from .store import PARTS as PARTS
 from .store import RECORD as RECORD
+from .store import STORE as STORE
 from .store import Arrays as Arrays
 from .store import StoredRun as StoredRun
 from .store import complete_run as complete_run

@@ -294,23 +294,11 @@ class Limits(_Open):
 class Identity(_Open):
     """Hashes of all results of a run, beside everything that they were made from.
 
+    The other keys are those of ``RunPlan.identity``: they are compared as a whole and not read.
+
     Attributes:
-        protocol: Name, version and hash of the protocol.
         weights: Hash of everything that determines the weights.
-        encoder: The encoder and its parameters.
         sensor: The sensor, its parameters and its description of itself, or a hash of these.
-        tested: The same of the sensor that was tested, where it was another one.
-        test_frames: Hash of every set of test frames.
-        shots: Hash of the labelled frames of the tested sensor.
-        released: Hashes of the published predictions that the run is compared with.
-        seed: Seed of the training.
-        quick: Whether ``--quick`` was given.
-        limit: Number of test frames that were kept.
-        presses: Number of presses that the model was allowed to learn from.
-        code: Hash of the core's code.
-        plugins: Distribution, version and code hash of every plugin that took part, by name.
-        versions: Versions of libraries, by name.
-        machine: Fingerprint of the machine.
         commit: Commit of the code, with ``+dirty`` where files were changed.
         hidden: Commitment to the hidden seed of the test presses.
         data: Hash of the pixels of every set of test frames.
@@ -320,22 +308,8 @@ class Identity(_Open):
         checksum: Digest of the record without this key; None before the record is written.
     """
 
-    protocol: str | None = None
     weights: str | None = None
-    encoder: Any = None
     sensor: Any = None
-    tested: Any = None
-    test_frames: list[str] = []
-    shots: str | None = None
-    released: list[Any] = []
-    seed: int | None = None
-    quick: bool | None = None
-    limit: int | None = None
-    presses: int | None = None
-    code: str | None = None
-    plugins: dict[str, Any] = {}
-    versions: dict[str, str] = {}
-    machine: str | None = None
     commit: str = "unknown"
     hidden: str | None = None
     data: list[str] | None = None
@@ -346,17 +320,14 @@ class Identity(_Open):
 
 
 class Environment(_Open):
-    """The machine and the software of a run.
+    """The machine and the software of a run, see ``run.machine.fingerprint``.
 
     Attributes:
         cpu: Name of the processor.
         cpu_flags: Its instructions that decide speed.
-        cores_physical: Number of cores.
         cores_logical: Number of threads that run at once.
-        memory_gib: Memory, GiB.
         gpu: Names of the graphics processors.
         os: Operating system.
-        python: Version of Python.
         torch: Version of torch.
         fingerprint: Hash of the machine; speeds are compared inside one machine only.
         threads: Number of threads that torch used.
@@ -365,12 +336,9 @@ class Environment(_Open):
 
     cpu: str | None = None
     cpu_flags: list[str] = []
-    cores_physical: int | None = None
     cores_logical: int | None = None
-    memory_gib: int | float | None = None
     gpu: list[str] = []
     os: str | None = None
-    python: str | None = None
     torch: str | None = None
     fingerprint: str = "unknown"
     threads: int = 1

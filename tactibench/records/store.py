@@ -32,6 +32,8 @@ from tactibench.records.record import Record, check_invariants, parse_record
 if TYPE_CHECKING:
     import pandas as pd
 
+STORE = Path("runs")
+"""The run store where none is named."""
 RECORD = "record.json"
 CHECKSUM = "sealed"
 """Key of a record's identity: the digest of everything else in the record. It shows changes made by

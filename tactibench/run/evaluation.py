@@ -17,11 +17,7 @@ from tactibench.frames import Presses, spread, true_answers
 from tactibench.plugins import Model
 from tactibench.records import Arrays, pack
 from tactibench.run.plan import RunPlan
-from tactibench.run.predict import (
-    AnswerRules,
-    Predictions,
-    predict_frames,
-)
+from tactibench.run.predict import AnswerRules, Predictions, predict_frames
 from tactibench.run.reporter import Reporter, open_frames
 from tactibench.run.timing import Speed, time_model
 
@@ -101,7 +97,7 @@ class Evaluation:
         frames = self.test.frames
         with self.reporter.task("predict", len(frames)) as advance:
             answers, maps = predict_frames(self.model, frames, self.rules, advance)
-        return Predictions(pack(answers, self.kind), maps)
+        return Predictions.of(answers, maps, self.kind)
 
     def truth(self) -> Arrays:
         """Return the true answers, packed, with press and group of every frame."""

@@ -49,10 +49,11 @@ SURFACE = FLOOR | {"surface_rmse_mm"}
 def execute(
     plan: RunPlan, reporter: Reporter, *, fresh: bool = False, timed: bool = True
 ) -> StoredRun:
-    """Carry a plan out and store the run. Interrupted work is continued by the same call.
+    """Return the run of a plan from the store, or carry the plan out and store the run.
 
-    The name of the run is held meanwhile. So a store that cannot be written is told before the
-    training, and another process that makes the same run waits and takes it.
+    Interrupted work is continued by the same call. The name of the run is held meanwhile. So a
+    store that cannot be written is told before the training, and another process that makes the
+    same run waits and takes it.
 
     Args:
         plan: The plan of the run.
@@ -64,27 +65,31 @@ def execute(
         UserError: Before any work: a metric does not exist or does not fit. Later: the model
             answers something else than it declared, or the answers cannot be scored.
     """
-    plan.check()
     store, name = plan.store, plan.name
+    if not fresh and (done := readable_run(store, name)) is not None:
+        return done
+    from tactibench.metrics import check_metrics
+
+    check_metrics(plan.protocol)
     with held_name(store, name):
-        if fresh:
-            plan.remove_cached()
-        elif (done := readable_run(store, name)) is not None:
-            return done
+        if not fresh and (done := readable_run(store, name)) is not None:
+            return done  # another process made it meanwhile
         answers = None if fresh else unscored_run(store, name)
         if answers is None:
-            answers = write_answers(store, *_answer(plan, reporter, timed=timed))
+            answers = write_answers(store, *_answer(plan, reporter, fresh=fresh, timed=timed))
         with reporter.task("score", 1):
             return score_answers(answers, plan.protocol)
 
 
-def _answer(plan: RunPlan, reporter: Reporter, *, timed: bool) -> tuple[Record, dict[str, Arrays]]:
+def _answer(
+    plan: RunPlan, reporter: Reporter, *, fresh: bool, timed: bool
+) -> tuple[Record, dict[str, Arrays]]:
     """Return the record of a run that is not scored yet, and its arrays."""
-    model, weights = train_model(plan, reporter)
+    model, weights = train_model(plan, reporter, fresh=fresh)
     test = TestFrames.open(plan, reporter)
     evaluation = _evaluation(plan)(plan, model, test, reporter)
     predictions = evaluation.predict()
-    truth, maps = evaluation.truth(), predictions.map_arrays
+    truth, maps = evaluation.truth(), predictions.maps
     if plan.frames.source.simulates:
         _add_simulated_truth(plan, test, truth, maps, reporter)
     if plan.published:

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError
 from tactibench.frames import FramePlan, FrameRequest, FrameSet, frame_source
-from tactibench.plugins import Model, ModelContext, PluginHost
+from tactibench.plugins import ModelContext, PluginHost
 from tactibench.protocols import LoadedProtocol, Protocol, load_protocol
 from tactibench.records import (
-    RECORD,
-    StoredRun,
+    STORE,
     code_hash,
     digest,
     installed_versions,
-    open_run,
+    readable_run,
     unscored_run,
 )
 from tactibench.run.components import (
@@ -28,16 +27,13 @@ from tactibench.run.components import (
     resolve_components,
 )
 from tactibench.run.machine import choose_device, fingerprint_hash, machine
-from tactibench.run.reporter import Reporter
 from tactibench.run.request import RunRequest
-from tactibench.run.weights import TrainedWeights, WeightsEntry, plan_weights, train_model
+from tactibench.run.weights import WeightsEntry, plan_weights
 
 if TYPE_CHECKING:
     from tactibench.protocols import HiddenSeed
     from tactibench.run.published_predictions import PublishedPredictions
 
-STORE = Path("runs")
-"""The run store where none is named."""
 SHOWS_ONLY = frozenset(
     {"_shipped", "api.py", "board", "cli", "live", "report", "scaffold", "sweep", "testing"}
 )
@@ -122,8 +118,8 @@ class RunPlan:
 
     @property
     def stored(self) -> bool:
-        """Return whether the run is in the store already."""
-        return (self.store / self.name / RECORD).is_file()
+        """Return whether the run is in the store already and can be read."""
+        return readable_run(self.store, self.name) is not None
 
     def context(self) -> ModelContext:
         """Return the context in which the model is built."""
@@ -138,39 +134,6 @@ class RunPlan:
             transfers=self.spec.transfer is not None,
         )
 
-    def check(self) -> None:
-        """Raise UserError for metrics that do not exist or do not fit, before any work."""
-        from tactibench.metrics import check_metrics
-
-        check_metrics(self.protocol)
-
-    def train(self, reporter: Reporter, *, fresh: bool = False) -> tuple[Model, TrainedWeights]:
-        """Train the model, or load its weights from the cache, without a test.
-
-        Args:
-            reporter: Shows the work.
-            fresh: Whether to make frames and weights anew.
-        """
-        if fresh:
-            self.remove_cached()
-        return train_model(self, reporter)
-
-    def carry_out(self, reporter: Reporter, *, fresh: bool = False) -> StoredRun:
-        """Return the run from the store, or carry it out, store it and return it.
-
-        Args:
-            reporter: Shows the work.
-            fresh: Whether to make everything anew: frames, weights, answers and times.
-
-        Raises:
-            UserError: The model, the sensor or the protocol cannot do what the plan needs.
-        """
-        if self.stored and not fresh:
-            return open_run(self.store, self.name)
-        from tactibench.run.execution import execute
-
-        return execute(self, reporter, fresh=fresh)
-
     def remove_cached(self) -> None:
         """Remove the frames and weights of the plan from the cache, so that they are made anew."""
         few_shot = () if self.frames.few_shot is None else (self.frames.few_shot,)
@@ -183,10 +146,16 @@ class RunPlan:
 
         Args:
             fresh: Whether everything will be made anew.
+
+        Raises:
+            UserError: A metric of the protocol does not exist or does not fit its answers.
         """
         name = self.name
         if self.stored and not fresh:
             return [f"plan: {name} is in the store and is shown as it is (--fresh runs it again)"]
+        from tactibench.metrics import check_metrics
+
+        check_metrics(self.protocol)
         if not fresh and unscored_run(self.store, name) is not None:
             return [f"plan: the answers of {name} are in the store and are scored"]
         frames, model = self.frames, self.components.model.label

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -13,15 +13,10 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal
 from tactibench.errors import NotFiniteError, UserError
 from tactibench.plugins import Model, describe_method
-from tactibench.records import (
-    Arrays,
-    unpack_contacts,
-    unpack_plates,
-)
+from tactibench.records import Arrays, pack
 
 HeatMaps = npt.NDArray[np.float16]
 Answers = list[Answer | None]
-MAPS = "maps"
 
 
 class BadAnswerError(UserError):
@@ -56,27 +51,21 @@ class AnswerRules:
     shape: tuple[int, int]
 
 
-@dataclass(frozen=True, eq=False)
-class Predictions:
-    """Predictions for all test frames.
+class Predictions(NamedTuple):
+    """Predictions for all test frames, as they are stored with a run.
 
     Attributes:
-        arrays: Packed answers, as they are stored with a run.
-        maps: (N, H, W) first heatmaps; None where the model shows none.
+        arrays: Packed answers, and the failures of the model where they are counted.
+        maps: (N, H, W) first heatmaps, named "maps"; {} where the model shows none.
     """
 
     arrays: Arrays
-    maps: npt.NDArray[np.float16] | None = None
+    maps: Arrays
 
-    @property
-    def map_arrays(self) -> Arrays:
-        """Return the heatmaps as they are stored with a run; {} where there are none."""
-        return {} if self.maps is None else {MAPS: self.maps}
-
-    def answers(self, kind: str) -> list[Answer | None]:
-        """Return the answers, which are of a kind "contacts" or "plate"."""
-        unpack = unpack_plates if kind == "plate" else unpack_contacts
-        return list(unpack(self.arrays))
+    @classmethod
+    def of(cls, answers: Answers, heat: HeatMaps | None, kind: str) -> Predictions:
+        """Return the predictions of a kind, "contacts" or "plate"."""
+        return cls(pack(answers, kind), {} if heat is None else {"maps": heat})
 
 
 def predict_frames(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from tactibench.protocols import (
     subgroup,
 )
 from tactibench.records import (
+    STORE,
     Metric,
     Record,
     StoredRun,
@@ -209,7 +209,7 @@ def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
     except Exception as error:  # of any kind: the user must be told that the answers are stored
         why = str(error) if isinstance(error, UserError) else f"{describe_exception(error)}."
         name, store = answers.record.name, answers.folder.parent
-        in_store = "" if store == Path("runs") else f" --store {store}"
+        in_store = "" if store == STORE else f" --store {store}"
         raise UserError(
             f"the answers of {name} cannot be scored: {why} They are kept: the same command, or "
             f"`tactibench score {name}{in_store}`, scores them once that is mended."

@@ -13,7 +13,6 @@ other protocol the run stops at such a frame with an error.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,7 +38,7 @@ from tactibench.run.timing import Speed
 
 Row = TypeVar("Row")
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
-"""Arrays of ``failure_arrays``: kind of type, and shape of a row."""
+"""Arrays of failures, see ``predict_or_fail``: kind of type, and shape of a row."""
 LONGEST_CAUSE = 200
 """Characters of a cause that are stored: a message may hold a whole array."""
 MOST_CAUSES = 20
@@ -65,7 +64,7 @@ class AdaptedEvaluation(Evaluation):
         labels = true_answers(plan.spec, [presses])
         self.count = len(presses)
         with reporter.task("adapt", self.count) as advance:
-            chosen = model.adapt(list(presses.frames), labels)
+            chosen = model.adapt(presses.frames, labels)
             advance(self.count)
         # Whether a model adapts may depend on its parameters or its training.
         if chosen is None:
@@ -84,7 +83,7 @@ class FewShotEvaluation(Evaluation):
         counts: Numbers of labelled frames; (0,) for a model that cannot adapt.
         frames: Labelled frames of the tested sensor.
         labels: True answers to these frames.
-        adapts: Whether the model can adapt.
+        adapted: What the model chose after each number; empty for a model that cannot adapt.
     """
 
     def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
@@ -92,9 +91,9 @@ class FewShotEvaluation(Evaluation):
         self.counts: tuple[int, ...] = (0,)
         self.frames: Sequence[Frame] = ()
         self.labels: Sequence[Answer] = ()
+        self.adapted: list[dict[str, Any]] = []
         transfer, few_shot = plan.spec.transfer, plan.frames.few_shot
-        self.adapts = model.adapt([], []) is not None
-        if self.adapts and transfer is not None and few_shot is not None:
+        if model.adapt([], []) is not None and transfer is not None and few_shot is not None:
             presses = open_frames(few_shot, reporter)
             self.counts = transfer.shots
             self.frames, self.labels = presses.frames, true_answers(plan.spec, [presses])
@@ -109,12 +108,14 @@ class FewShotEvaluation(Evaluation):
         heat: HeatMaps | None = None
         with self.reporter.task("predict", len(frames) * len(self.counts)) as advance:
             for count in self.counts:
-                self._adapt(count)
+                chosen = self.model.adapt(self.frames[:count], self.labels[:count])
+                if chosen is not None:
+                    self.adapted.append({"shots": count, **chosen})
                 predicted, maps = predict_frames(self.model, frames, self.rules, advance)
                 answers += predicted
                 heat = maps if count == 0 else heat
-        self._adapt(0)
-        return Predictions(pack(answers, self.kind), heat)
+        self.model.adapt([], [])
+        return Predictions.of(answers, heat, self.kind)
 
     def truth(self) -> Arrays:
         """Return the true answers once for each number of labelled frames."""
@@ -129,19 +130,12 @@ class FewShotEvaluation(Evaluation):
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
         """Return the frames of the tested sensor that the model was shown, and its choices."""
         frames = self.plan.frames
-        adapted = []
-        if self.adapts:
-            adapted = [{"shots": count, **self._adapt(count)} for count in self.counts]
-            self._adapt(0)
         return _tested_sensor(
             list(self.counts),
-            adapted,
+            self.adapted,
             left_out_calibrated=frames.calibrated,
             described=(frames.test_identity or {}).get("describe", {}),
         )
-
-    def _adapt(self, count: int) -> Mapping[str, Any]:
-        return self.model.adapt(list(self.frames[:count]), list(self.labels[:count])) or {}
 
 
 def _tested_sensor(counts: list[int], adapted: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
@@ -160,21 +154,6 @@ def count_groups(frames: int, counts: Sequence[int]) -> list[str]:
     return [str(count) for count in counts for _ in range(frames)]
 
 
-@dataclass(frozen=True)
-class Failure:
-    """A frame without an answer.
-
-    Attributes:
-        row: Row of the frame.
-        raised: Whether an exception was raised; otherwise a number was not finite.
-        cause: Type and message of the exception, on one line.
-    """
-
-    row: int
-    raised: bool
-    cause: str
-
-
 class HardCaseEvaluation(Evaluation):
     """The test of a model on frames on which it may fail.
 
@@ -186,7 +165,7 @@ class HardCaseEvaluation(Evaluation):
         frames = self.test.frames
         with self.reporter.task("predict", len(frames)) as advance:
             answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
-        return Predictions({**pack(answers, self.kind), **failure_arrays(failures)})
+        return Predictions({**pack(answers, self.kind), **failures}, {})
 
     def time(self) -> Speed:
         """Return no times."""
@@ -204,11 +183,14 @@ class HardCaseEvaluation(Evaluation):
 
 def predict_or_fail(
     model: Model, frames: Sequence[Frame], rules: AnswerRules, advance: Any
-) -> tuple[Answers, list[Failure]]:
+) -> tuple[Answers, Arrays]:
     """Return the answers of ``predict_frames``, and the frames on which the model failed.
 
     The answer to such a frame has no contacts. An exception that does not come from the model, such
     as an interruption, is not caught.
+
+    The arrays for F such frames are failed (F,), their rows, raised (F,), whether an exception was
+    raised, else a number was not finite, and cause (F,), type and message of the exception.
 
     Args:
         model: The trained model.
@@ -217,28 +199,21 @@ def predict_or_fail(
         advance: Function that is called after every frame.
     """
     answers: Answers = []
-    failures: list[Failure] = []
+    failures: list[tuple[int, bool, str]] = []
     for row, frame in enumerate(frames):
         try:
             predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's
             raised = not isinstance(error, NotFiniteError)
-            failures.append(Failure(row, raised, _cause(error)))
+            failures.append((row, raised, _cause(error)))
             predicted = [Contacts.none()]
         answers += predicted
         advance(1)
-    return answers, failures
-
-
-def failure_arrays(failures: Sequence[Failure]) -> Arrays:
-    """Return the arrays that are stored with the answers, for F frames without an answer.
-
-    These are failed (F,) rows of the frames, raised (F,) and cause (F,).
-    """
-    return {
-        "failed": np.array([failure.row for failure in failures], dtype=np.int64),
-        "raised": np.array([failure.raised for failure in failures], dtype=bool),
-        "cause": np.array([failure.cause for failure in failures], dtype=np.str_),
+    rows, raised_by_row, causes = zip(*failures, strict=True) if failures else ((), (), ())
+    return answers, {
+        "failed": np.array(rows, dtype=np.int64),
+        "raised": np.array(raised_by_row, dtype=bool),
+        "cause": np.array(causes, dtype=np.str_),
     }
 
 
@@ -246,7 +221,7 @@ def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[st
     """Return the number of failed frames, and causes with their first case and number of frames.
 
     Args:
-        arrays: Arrays of ``failure_arrays``.
+        arrays: Arrays of failures, see ``predict_or_fail``.
         groups: Group of every test frame.
     """
     causes: dict[str, dict[str, Any]] = {}

@@ -136,15 +136,24 @@ def _training_code(model: BoundSpec[ModelSpec]) -> str:
     return combined([model.code(), *(code_hash(name) for name in core)])
 
 
-def train_model(plan: RunPlan, reporter: Reporter) -> tuple[Model, TrainedWeights]:
+def train_model(
+    plan: RunPlan, reporter: Reporter, *, fresh: bool = False
+) -> tuple[Model, TrainedWeights]:
     """Return the model of a plan with its weights, trained where they are not in the cache.
 
     Interrupted training is continued by the same call. Predictions are always made with weights
     that were read from the disk.
 
+    Args:
+        plan: The plan of the run.
+        reporter: Shows the work.
+        fresh: Whether to make frames and weights anew.
+
     Raises:
         UserError: The report of the training cannot be recorded.
     """
+    if fresh:
+        plan.remove_cached()
     model, entry = plan.components.build_model(plan.context()), plan.weights
     with reporter.training() as progress, entry.locked():
         manifest = entry.read()

@@ -17,7 +17,6 @@ from typing import Any, Literal
 
 from tactibench.errors import UserError, describe_exception, printable
 from tactibench.frames import FramePlan
-from tactibench.metrics import check_metrics
 from tactibench.plugins import PluginHost, describe_failure
 from tactibench.records import (
     CHECKSUM,
@@ -422,15 +421,9 @@ def run_cell(request: RunRequest, storage: Storage, training: CellState | None =
         storage: Folders of the sweep.
         training: The training of its weights; its failure is passed on.
     """
-
-    def run(plan: RunPlan) -> None:
-        if readable_run(storage.store, plan.name) is None:
-            check_metrics(plan.protocol)
-            execute(plan, NullReporter())
-
     if training is not None and training.why:
         return training
-    return _attempt(run, request, storage)
+    return _attempt(lambda plan: execute(plan, NullReporter()), request, storage)
 
 
 def _attempt(work: Callable[[RunPlan], object], request: RunRequest, storage: Storage) -> CellState:

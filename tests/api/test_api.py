@@ -12,7 +12,7 @@ from stored_answers import answered_parts, store_run
 from tactibench import UserError, api
 from tactibench.records import Record, StoredRun, open_run
 from tactibench.report import Table
-from tactibench.run import NullReporter
+from tactibench.run import NullReporter, train_model
 
 QUICK = {"quick": True, "limit": 3, "progress": False}
 
@@ -54,7 +54,7 @@ def test_a_run_with_three_presses_is_stored_and_found_again(
     r2 = done.metrics.query("metric == 'r2' and group == 'mean'").iloc[0]
     assert r2["value"] < 0
     assert r2[["low", "high"]].isna().all()
-    _, weights = plan.train(NullReporter())
+    _, weights = train_model(plan, NullReporter())
     assert weights.reused
 
 

@@ -18,10 +18,8 @@ from tactibench.protocols import protocol_files, read_protocol
 from tactibench.records import pack
 from tactibench.run import (
     AnswerRules,
-    Failure,
     RunPlan,
     TestOptions,
-    failure_arrays,
     metric_differences,
     predict_frames,
     predict_or_fail,
@@ -224,7 +222,7 @@ class Fragile(StubModel):
 RULES = AnswerRules("contacts", 2, SHAPE)
 
 
-def ask(model: Any) -> tuple[list[Any], list[Failure]]:
+def ask(model: Any) -> tuple[list[Any], dict[str, Any]]:
     done: list[int] = []
     answers, failures = predict_or_fail(model, FRAMES, RULES, done.append)
     assert sum(done) == len(FRAMES)
@@ -234,10 +232,12 @@ def ask(model: Any) -> tuple[list[Any], list[Failure]]:
 def test_failures_are_told_apart_and_named() -> None:
     answers, failures = ask(Fragile())
     assert [len(answer) for answer in answers] == [1, 0, 0, 0, 1, 1]
-    assert [(one.row, one.raised) for one in failures] == [(1, True), (2, False), (3, True)]
-    assert failures[0].cause == "IndexError: index 127 is out of bounds [31m"
-    assert "xy holds a value that is not finite" in failures[1].cause
-    assert "declares at most 2 contacts" in failures[2].cause
+    assert failures["failed"].tolist() == [1, 2, 3]
+    assert failures["raised"].tolist() == [True, False, True]
+    raised, not_finite, too_many = failures["cause"]
+    assert raised == "IndexError: index 127 is out of bounds [31m"
+    assert "xy holds a value that is not finite" in not_finite
+    assert "declares at most 2 contacts" in too_many
 
 
 def test_other_protocols_stop_loudly() -> None:
@@ -256,7 +256,7 @@ def test_an_interruption_is_no_failure_of_the_model() -> None:
 
 def submitted(**more: Any) -> dict[str, Any]:
     answers, failures = ask(Fragile())
-    return {**pack(answers, "contacts"), **failure_arrays(failures), **more}
+    return {**pack(answers, "contacts"), **failures, **more}
 
 
 def test_answers_with_failures_are_checked() -> None:

@@ -209,7 +209,6 @@ def test_planning_imports_neither_torch_nor_the_metrics(tmp_path: Path) -> None:
         "from tactibench.plugins import PluginHost\n"
         "from tactibench.run import RunRequest, make_plan\n"
         "plan = make_plan(RunRequest('exp1', 'nearest'), PluginHost(), Path(sys.argv[1]))\n"
-        "plan.lines()\n"
         "print(plan.name, 'torch' in sys.modules, 'tactibench.metrics' in sys.modules)"
     )
     done = subprocess.run(
