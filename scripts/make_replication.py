@@ -18,7 +18,6 @@ from scipy.special import stdtrit
 
 from tactibench.board import (
     FEWEST_SEEDS,
-    NOMINAL,
     Errors,
     Row,
     all_press_errors,
@@ -91,7 +90,7 @@ class Board:
         self.protocol = protocol
         version = load_protocol(protocol)
         records = read_submissions(BOARD, protocol)
-        nominal = [section for section in sections_of(records) if section.kind == NOMINAL]
+        nominal = [section for section in sections_of(records) if section.nominal]
         self.rows = next((section.rows for section in nominal if section.origin == "simulated"), ())
         self.published = [
             row

@@ -7,12 +7,12 @@ from .compare import comparison_rows as comparison_rows
 from .compare import left_out as left_out
 from .compare import names_of as names_of
 from .limits import LimitMaps as LimitMaps
+from .limits import TWO_FROM_ONE as TWO_FROM_ONE
 from .limits import LimitRequest as LimitRequest
 from .limits import limit_rows as limit_rows
 from .limits import limits_of as limits_of
 from .limits import map_limits as map_limits
 from .limits import separation_limit as separation_limit
-from .limits import spacing_summary as spacing_summary
 from .limits import summary as summary
 from .model_overview import ERROR as ERROR
 from .model_overview import Case as Case
@@ -59,11 +59,6 @@ from .rows import settled as settled
 from .rows import trained_for as trained_for
 from .rows import trained_on as trained_on
 from .rows import whole as whole
-from .sections import FINITE_ELEMENTS as FINITE_ELEMENTS
-from .sections import KINDS as KINDS
-from .sections import NOMINAL as NOMINAL
-from .sections import PERTURBED as PERTURBED
-from .sections import TESTED as TESTED
 from .sections import Placement as Placement
 from .sections import Section as Section
 from .sections import all_records as all_records

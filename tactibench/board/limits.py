@@ -16,6 +16,8 @@ from tactibench.plugins import Sensor
 
 AXES = ("x", "y", "depth")
 SEPARATION = "separation"
+TWO_FROM_ONE = "two from one"
+"""Quantity of the spacing from which two tips are told from one."""
 FARTHEST_MM = 100.0
 """Bounds larger than this count as infinite: the information left in them is rounding."""
 PLACES = 5
@@ -176,26 +178,20 @@ def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
 
 
 def summary(maps: LimitMaps) -> list[dict[str, Any]]:
-    """Return one line for every depth and quantity.
+    """Return one line for every depth and quantity, then those of TWO_FROM_ONE.
 
     Each holds the bound in the middle of the workspace, median, 90 % quantile, largest bound and
     counts. Quantiles are over the n presses that have a bound; "unbounded" and "refused" count the
     others. "worst_at" is the place (x, y) of the largest bound, mm.
     """
+    request, spacings = maps.request, () if maps.spacings is None else maps.spacings
     return [
-        _summary_line(maps.values[d, q], maps.request.grid, depth, quantity)
-        for d, depth in enumerate(maps.request.depths)
-        for q, quantity in enumerate(maps.request.quantities)
-    ]
-
-
-def spacing_summary(maps: LimitMaps) -> list[dict[str, Any]]:
-    """Return one line a depth, as ``summary``, of the spacing that tells two tips from one."""
-    if maps.spacings is None:
-        return []
-    return [
-        _summary_line(maps.spacings[d], maps.request.coarse, depth, "two from one")
-        for d, depth in enumerate(maps.request.depths)
+        _summary_line(layer, request.grid, depth, quantity)
+        for depth, layers in zip(request.depths, maps.values, strict=True)
+        for quantity, layer in zip(request.quantities, layers, strict=True)
+    ] + [
+        _summary_line(layer, request.coarse, depth, TWO_FROM_ONE)
+        for depth, layer in zip(request.depths, spacings, strict=False)
     ]
 
 
@@ -230,9 +226,9 @@ def limit_rows(maps: LimitMaps) -> list[dict[str, Any]]:
     Further rows hold the shares of presses that are unbounded or refused.
     """
     rows: list[dict[str, Any]] = []
-    for line in [*summary(maps), *spacing_summary(maps)]:
+    for line in summary(maps):
         group, quantity = f"depth {line['depth']:g} mm", line["quantity"]
-        metric = "limit" if quantity == "two from one" else f"bound_{quantity}"
+        metric = "limit" if quantity == TWO_FROM_ONE else f"bound_{quantity}"
         total = line["n"] + line["unbounded"] + line["refused"]
         ends = {name: line.get(name, np.inf) for name in ("middle", "median", "p90", "worst")}
         cells = [

@@ -21,17 +21,6 @@ from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols import Ranking, board_spec, load_protocol, version_of
 from tactibench.records import Record, SensorId, StoredRun, canonical, digest, stored_runs
 
-NOMINAL, TESTED, OTHER, PERTURBED, FINITE_ELEMENTS = range(5)
-KINDS = {
-    NOMINAL: "",
-    TESTED: "",
-    OTHER: "another setting of the sensor",
-    PERTURBED: "a perturbed individual",
-    FINITE_ELEMENTS: "finite-element scenes",
-}
-"""Kind of a section -> words for its title. Sections beside the nominal one exist because a model
-that holds the simulator must not be judged by that simulator alone."""
-
 
 @dataclass(frozen=True)
 class Section:
@@ -57,31 +46,22 @@ class Section:
         return self.sensor.origin
 
     @property
-    def kind(self) -> int:
-        """NOMINAL, TESTED (not on the training sensor), OTHER, PERTURBED or FINITE_ELEMENTS."""
-        if self.record.test_sensor is not None:
-            return TESTED
-        values = self.sensor.parameters
-        if values.get("tier") == "fem":
-            return FINITE_ELEMENTS
-        if values.get("instance", 0) != 0:
-            return PERTURBED
-        return OTHER if self.sensor.changed else NOMINAL
+    def nominal(self) -> bool:
+        """True for a sensor with all settings at their defaults that is also the tested one."""
+        return self.record.test_sensor is None and not self.sensor.changed
 
     @property
     def title(self) -> str:
-        """Heading such as "Simulated sensor tactip-127, instance=1: a perturbed individual"."""
+        """Heading such as "Simulated sensor tactip-127, instance=1"."""
         test = self.record.test_sensor
         if test is not None and (trained := trained_on(self.record)):
             text = f"Real {test.description}, trained on {trained}"
-            return text + (f" (test frames {self.mark})" if self.mark else "")
-        text = f"{self.origin.capitalize()} sensor {self.sensor.text()}"
-        if test is not None:
-            text += f", tested on {test.description}"
-        if why := KINDS[self.kind]:
-            text += f": {why}"
-        if self.record.data.published_frames:
-            text += ", published test frames"
+        else:
+            text = f"{self.origin.capitalize()} sensor {self.sensor.text()}"
+            if test is not None:
+                text += f", tested on {test.description}"
+            if self.record.data.published_frames:
+                text += ", published test frames"
         return text + (f" (test frames {self.mark})" if self.mark else "")
 
 
@@ -99,9 +79,9 @@ def sections_of(records: Iterable[Record]) -> list[Section]:
     return sorted(named, key=_order)
 
 
-def _order(section: Section) -> tuple[bool, int, bool, str]:
+def _order(section: Section) -> tuple[bool, bool, bool, str]:
     unpublished = not section.record.data.published_frames
-    return section.origin != "simulated", section.kind, unpublished, section.title
+    return section.origin != "simulated", not section.nominal, unpublished, section.title
 
 
 def _mark(section: Section) -> str:
@@ -163,8 +143,7 @@ def select_section(records: Iterable[Record], sensor: str | None, protocol: str)
             "name a run store with --store."
         )
     if sensor is None:
-        least = min(section.kind for section in sections)
-        return max((s for s in sections if s.kind == least), key=_runs)
+        return max(sections, key=lambda section: (section.nominal, _runs(section)))
     names = [section.sensor.text() for section in sections]
     fitting = [s for s, name in zip(sections, names, strict=True) if name == sensor]
     if not fitting:

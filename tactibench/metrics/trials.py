@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.protocols import Axis
-from tactibench.stats import FloatArray, IntArray, Labels, finite
+from tactibench.stats import FloatArray, IntArray, Labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +169,7 @@ class Trials:
             predictions, else 0; None where a failure ends the run.
 
     Raises:
-        ValueError: Lengths do not fit, or a map or a surface holds a value that is not finite,
-            or a bound is not positive.
+        ValueError: Lengths do not fit, or a bound is not positive.
     """
 
     truth: tuple[Contacts, ...]
@@ -196,9 +194,6 @@ class Trials:
         for name in ("maps", "surface", "floor", "limit", "failed", "bound"):
             if getattr(self, name) is not None:
                 _lengths(n, **{name: getattr(self, name)})
-        for name in ("maps", "surface", "floor"):
-            if getattr(self, name) is not None:
-                finite(getattr(self, name), name)
         if not all((bound > 0).all() for bound in self.bound or ()):  # nor is NaN
             raise ValueError("a bound must be positive")
 
@@ -240,7 +235,7 @@ class PlateTrials:
             are of one group.
 
     Raises:
-        ValueError: Lengths do not fit, a truth is None, or a value is not finite.
+        ValueError: Lengths do not fit.
     """
 
     truth: tuple[PlatePose | None, ...]
@@ -255,11 +250,6 @@ class PlateTrials:
         if self.group:
             _lengths(len(self.truth), group=self.group)
         object.__setattr__(self, "press", np.asarray(self.press))
-        if any(pose is None for pose in self.truth):
-            raise ValueError("a plate trial has no truth and cannot be scored")
-        for pose in (*self.truth, *self.predictions, *chain(*self.published.values())):
-            if pose is not None:
-                finite([pose.depth, pose.tilt], "plate pose")
 
     def __len__(self) -> int:
         return len(self.truth)

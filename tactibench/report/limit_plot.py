@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactibench.board import (
+    TWO_FROM_ONE,
     LimitMaps,
     LimitRequest,
     limit_rows,
     map_limits,
-    spacing_summary,
     summary,
 )
 from tactibench.contacts import Grid, Indenter, Pose, Scene
@@ -158,6 +158,7 @@ def limit_table(maps: LimitMaps) -> Table:
     rows: list[list[Cell]] = [
         [f"{line['depth']:g}", line["quantity"], *_quantiles(line, micrometres)]
         for line in summary(maps)
+        if line["quantity"] != TWO_FROM_ONE
     ]
     title = "Cramer-Rao bound: smallest standard deviation, um"
     return table(("depth, mm", "sd of", *QUANTILES), rows, title=title)
@@ -166,9 +167,14 @@ def limit_table(maps: LimitMaps) -> Table:
 def spacing_table(maps: LimitMaps) -> Table:
     """Return the spacings from which two tips differ from one, mm, with one row per depth."""
     write = "{:.2f}".format
-    rows = [[f"{line['depth']:g}", *_quantiles(line, write)] for line in spacing_summary(maps)]
+    rows = [[f"{line['depth']:g}", *_quantiles(line, write)] for line in _of(maps, TWO_FROM_ONE)]
     title = "Two tips differ from one from this spacing on, mm"
     return table(("depth, mm", *QUANTILES), rows, title=title)
+
+
+def _of(maps: LimitMaps, quantity: str) -> list[dict[str, Any]]:
+    """Return the line of a quantity for every depth."""
+    return [line for line in summary(maps) if line["quantity"] == quantity]
 
 
 def _quantiles(line: Mapping[str, Any], write: Callable[[float], str]) -> Iterator[Cell]:
@@ -190,7 +196,7 @@ def micrometres(value: float) -> str:
 
 def limit_remarks(maps: LimitMaps) -> Iterator[str]:
     """Yield what the numbers leave out, one sentence each."""
-    per_depth = summary(maps)[:: len(maps.request.quantities)]
+    per_depth = _of(maps, "x")
     presses = f"of {maps.request.presses:,} presses"
     if len(maps.request.indenter.offsets) > 1:
         yield "x, y, depth: of the worse of the two tips."
@@ -209,7 +215,7 @@ def spacing_remarks(maps: LimitMaps) -> Iterator[str]:
         "the --spacing does not enter."
     )
     yield f"Below {diameter:g} mm the two spheres overlap: two tips of one tool."
-    lines = spacing_summary(maps)
+    lines = _of(maps, TWO_FROM_ONE)
     if unbounded := sum(line["unbounded"] for line in lines):
         total = len(lines) * math.prod(maps.request.coarse.shape)
         presses = f"{unbounded:,} of {total:,} presses"

@@ -17,7 +17,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from tactibench.board import (
-    NOMINAL,
     Curve,
     Frontier,
     Point,
@@ -106,7 +105,7 @@ def unseen_frontiers(protocol: str, here: Section, nominal: Sequence[Frontier]) 
         None where ``here`` is not of the nominal sensor, or fewer than two rows were tested so.
     """
     spec = board_spec(protocol)
-    for test in load_protocol(protocol).spec.test.apart if here.kind == NOMINAL else ():
+    for test in load_protocol(protocol).spec.test.apart if here.nominal else ():
         if test.instances and (error := spec.apart.get(test.name)):
             frontiers = tuple(elsewhere_frontiers(nominal, here.rows, error))
             if sum(len(frontier.points) for frontier in frontiers) > 1:

@@ -1,7 +1,5 @@
 """The table of metrics as a whole."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -172,7 +170,7 @@ def test_a_metric_of_the_other_kind_is_refused(singles):
     ("change", "message"),
     [
         ({"group": ("all",)}, "group has 1"),
-        ({"maps": np.full((2, 4, 4), math.nan)}, "maps: 32 of 32 values are not finite"),
+        ({"maps": np.ones((3, 4, 4))}, "maps has 3"),
         ({"bound": (np.ones((1, 3)),)}, "bound has 1"),
     ],
 )
