@@ -135,7 +135,7 @@ def threshold_table(runs: int, level: float, seed: int) -> int:
             assert fit.goodness.p is not None  # noqa: S101
             estimates = (
                 fit_threshold(distance, hits, press, level=level),
-                interpolated_threshold(distance, hits, press, SHARE, rng=rng, level=level),
+                interpolated_threshold(distance, hits, press, rng=rng, level=level),
                 fit.estimate,
             )
             off += [(estimate.value or np.nan) - truth for estimate in estimates]

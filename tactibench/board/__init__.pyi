@@ -6,8 +6,8 @@ from .compare import compare_runs as compare_runs
 from .compare import comparison_rows as comparison_rows
 from .compare import left_out as left_out
 from .compare import names_of as names_of
-from .limits import LimitMaps as LimitMaps
 from .limits import TWO_FROM_ONE as TWO_FROM_ONE
+from .limits import LimitMaps as LimitMaps
 from .limits import LimitRequest as LimitRequest
 from .limits import limit_rows as limit_rows
 from .limits import limits_of as limits_of
@@ -76,7 +76,6 @@ from .submissions import check_answers as check_answers
 from .submissions import check_folder as check_folder
 from .submissions import committed_protocols as committed_protocols
 from .submissions import compact as compact
-from .submissions import press_errors as press_errors
 from .submissions import press_errors_of as press_errors_of
 from .submissions import ranked_errors as ranked_errors
 from .submissions import read_answers_file as read_answers_file
@@ -103,7 +102,6 @@ from .verification import FROM_MAPS as FROM_MAPS
 from .verification import Source as Source
 from .verification import Verdict as Verdict
 from .verification import make_truth as make_truth
-from .verification import metric_rows as metric_rows
 from .verification import refuse_differences as refuse_differences
 from .verification import score_again as score_again
 from .verification import verify as verify

@@ -72,19 +72,6 @@ PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # -- records -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Submission:
-    """A committed record.
-
-    Attributes:
-        path: File of the record.
-        replaced: Files of the same row and seed that it replaced.
-    """
-
-    path: Path
-    replaced: tuple[Path, ...]
-
-
 def compact(record: Record) -> Record:
     """Return the record as it is committed.
 
@@ -102,12 +89,15 @@ def compact(record: Record) -> Record:
     return Record.model_validate(values)
 
 
-def add(run: StoredRun, board: Path) -> Submission:
+def add(run: StoredRun, board: Path) -> tuple[Path, list[Path]]:
     """Commit a run: write its record and answers, and remove older ones of the same row and seed.
 
     Args:
         run: Stored run.
         board: Folder of the board.
+
+    Returns:
+        The file of the record, and the files of the same row and seed that it replaced.
 
     Raises:
         UserError: The run is partial, answers another version of its protocol, its predictions are
@@ -131,7 +121,7 @@ def add(run: StoredRun, board: Path) -> Submission:
     for other in same:
         other.unlink()
         answers_file(other).unlink(missing_ok=True)
-    return Submission(path, tuple(same))
+    return path, same
 
 
 def write_submission(record: Record, path: Path) -> None:
@@ -345,12 +335,6 @@ def _press_errors(metric: str, group: str, trials: Trials | PlateTrials) -> Pres
     return PressErrors(np.unique(trials.press)[finite], error[finite])
 
 
-def press_errors(board: Path, record: Record) -> PressErrors | None:
-    """Return the errors that rank a record, press by press; None where no answers lie beside it."""
-    place = board / FOLDER / record.protocol.id / f"{record.name}.json"
-    return read_press_errors(answers_file(place))
-
-
 def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
     """Return the errors of all records that have predictions, by the name of the record.
 
@@ -361,7 +345,8 @@ def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressE
     names: dict[bytes, npt.NDArray[Any]] = {}
     by_name = {}
     for record in records:
-        errors = press_errors(board, record)
+        place = board / FOLDER / record.protocol.id / f"{record.name}.json"
+        errors = read_press_errors(answers_file(place))
         if errors is not None:
             press = names.setdefault(errors.press.tobytes(), errors.press)
             by_name[record.name] = replace(errors, press=press)

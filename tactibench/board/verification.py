@@ -9,7 +9,7 @@ and no encoder is imported. Everything else that a record says is its submitter'
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -264,12 +264,6 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
             f"the errors of single presses in {place}, by which a board ranks, are not those of "
             "its predictions; submit the run again."
         )
-
-
-def metric_rows(verdict: Verdict) -> Iterable[dict[str, Any]]:
-    """Yield tidy rows of the metrics that were computed anew."""
-    for row in verdict.again:
-        yield {"file": verdict.path.name, "state": "verified", **row.json_values()}
 
 
 # -- the truth ---------------------------------------------------------------------------------

@@ -110,9 +110,9 @@ def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
 
     check_folder(board_folder)
     for run in _complete_runs(store, names):
-        added = add(run, board_folder)
-        echo(f"added {added.path}")
-        _echo_replaced(added.replaced)
+        path, replaced = add(run, board_folder)
+        echo(f"added {path}")
+        _echo_replaced(replaced)
     _write_pages(board_folder)
 
 
@@ -130,12 +130,12 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     from tactibench.records import open_run
 
     check_folder(board_folder)
-    added = add(open_run(store, name), board_folder)
-    for path in (added.path, answers_file(added.path)):
+    record, replaced = add(open_run(store, name), board_folder)
+    for path in (record, answers_file(record)):
         echo(f"wrote {path} ({path.stat().st_size / 1000:,.0f} kB)")
-    _echo_replaced(added.replaced)
+    _echo_replaced(replaced)
     echo(
-        f"check it with `tactibench board verify {added.path}`, then open a pull request with "
+        f"check it with `tactibench board verify {record}`, then open a pull request with "
         "both files; docs/submit.md says what is checked there."
     )
 
@@ -163,7 +163,7 @@ def verify(
     code 1 when a file is refused. Hidden presses are drawn from the revealed seed, or from that in
     TACTIBENCH_HIDDEN_SEED.
     """
-    from tactibench.board import Source, metric_rows
+    from tactibench.board import Source
     from tactibench.board import verify as check
     from tactibench.cli.output import Terminal
     from tactibench.plugins import PluginHost
@@ -187,7 +187,8 @@ def verify(
             rows.append({"file": path.name, "state": "refused", "reason": reason})
             continue
         print_verdict(terminal.out, verdict)
-        rows += metric_rows(verdict)
+        verified = {"file": path.name, "state": "verified"}
+        rows += [{**verified, **row.json_values()} for row in verdict.again]
     save_json(json_file, rows)
     if len(files) > 1:
         terminal.say(f"{len(files) - refused:,} of {len(files):,} verified")
@@ -328,7 +329,7 @@ def _write_pages(board_folder: Path) -> None:
             page.write()
 
 
-def _echo_replaced(paths: tuple[Path, ...]) -> None:
+def _echo_replaced(paths: list[Path]) -> None:
     for path in paths:
         echo(f"  in place of {path.name}, the same row and seed")
 

@@ -106,33 +106,31 @@ class Profile:
     hits: FloatArray
     trials: FloatArray
 
-    def logit(
-        self, threshold: FloatArray, slope: FloatArray, lapse: FloatArray | float = 0.0
-    ) -> FloatArray:
+    def eta(self, threshold: FloatArray, slope: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return (M, K) log odds of a resolved trial among those that do not lapse.
 
         Args:
             threshold: (M,) mm.
             slope: (M,) 1/mm.
-            lapse: (M,) lapse rates, or one for all.
+            lapse: (M,) lapse rates.
         """
         offset = self.distance[None, :] - threshold[:, None]
-        middle = np.log(SHARE / (1 - SHARE - np.asarray(lapse, dtype=np.float64)))
-        return np.asarray(np.atleast_1d(middle)[:, None] + slope[:, None] * offset)
+        middle = np.log(SHARE / (1 - SHARE - lapse))
+        return np.asarray(middle[:, None] + slope[:, None] * offset)
 
-    def slope(self, threshold: FloatArray, lapse: FloatArray | float = 0.0) -> FloatArray:
+    def slope(self, threshold: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return the (M,) most likely slope of each threshold, 1/mm, found by bisection.
 
         Args:
             threshold: (M,) mm.
-            lapse: (M,) lapse rates, or one for all.
+            lapse: (M,) lapse rates.
         """
         low, high = np.zeros(len(threshold)), np.full(len(threshold), STEEPEST)
         offset = self.distance[None, :] - threshold[:, None]
-        rate = np.atleast_1d(np.asarray(lapse, dtype=np.float64))[:, None]
+        rate = lapse[:, None]
         for _ in range(60):
             middle = (low + high) / 2
-            eta = self.logit(threshold, middle, lapse)
+            eta = self.eta(threshold, middle, lapse)
             missing = expit(-eta)
             residual = self.hits - self.trials * (1 - rate) * expit(eta)
             # dP/d(eta) / (P (1 - P)), which is 1 without lapses
@@ -141,13 +139,10 @@ class Profile:
             low, high = np.where(rising, middle, low), np.where(rising, high, middle)
         return np.asarray((low + high) / 2)
 
-    def _at_lapse(self, threshold: FloatArray, lapse: FloatArray | float) -> FloatArray:
+    def _at_lapse(self, threshold: FloatArray, lapse: FloatArray) -> FloatArray:
         """Return the (M,) log likelihood of each threshold with its lapse rate."""
-        eta = self.logit(threshold, self.slope(threshold, lapse), lapse)
-        rate = np.atleast_1d(np.asarray(lapse, dtype=np.float64))[:, None]
-        hit, miss = np.log1p(-rate) + log_expit(eta), np.log1p(-rate) + log_expit(-eta)
-        with np.errstate(divide="ignore"):
-            miss = np.logaddexp(np.log(rate), miss)
+        eta = self.eta(threshold, self.slope(threshold, lapse), lapse)
+        hit, miss = _log_shares(eta, lapse[:, None])
         terms = self.hits * hit + (self.trials - self.hits) * miss
         return np.asarray(terms.sum(axis=1), dtype=np.float64)
 
@@ -171,11 +166,23 @@ class Profile:
         """Return the log likelihood of one threshold."""
         return float(self.log_likelihood(np.array([threshold]))[0])
 
-    def curve(self, threshold: float) -> tuple[float, float, float]:
-        """Return threshold, slope and lapse rate of the most likely curve of one threshold."""
+    def curve(self, threshold: float) -> tuple[FloatArray, float]:
+        """Return log odds (K,) and lapse rate of the most likely curve of one threshold."""
         at = np.array([threshold])
         lapse = self.lapse(at)
-        return threshold, float(self.slope(at, lapse)[0]), float(lapse[0])
+        return self.eta(at, self.slope(at, lapse), lapse)[0], float(lapse[0])
+
+
+def _log_shares(eta: FloatArray, lapse: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return log P of a resolved pair and of one that is not, (M, K) each.
+
+    Args:
+        eta: (M, K) log odds of a pair that does not lapse.
+        lapse: (M, 1) lapse rates.
+    """
+    hit, miss = np.log1p(-lapse) + log_expit(eta), np.log1p(-lapse) + log_expit(-eta)
+    with np.errstate(divide="ignore"):
+        return hit, np.logaddexp(np.log(lapse), miss)
 
 
 class ThresholdFit(NamedTuple):
@@ -216,9 +223,8 @@ def fit_threshold(
     best, censored = _most_likely(profile, hits.mean() >= SHARE)
     if clusters < 2:
         return Estimate(best, None, None, n, clusters, censored)
-    _, slope, lapse = profile.curve(best)
-    eta = profile.logit(np.array([best]), np.array([slope]), lapse)
-    probability = (1 - lapse) * expit(eta)[0, index]
+    eta, lapse = profile.curve(best)
+    probability = (1 - lapse) * expit(eta)[index]
     drop = t_quantile(level, clusters) ** 2 / 2 * _inflation(hits - probability, codes, clusters)
     low, high = _limits(profile, best, profile.at(best) - drop)
     return Estimate(best, low, high, n, clusters, censored)
@@ -249,15 +255,14 @@ def checked_threshold(
         return ThresholdFit(estimate)
     distances, index = np.unique(distance, return_inverse=True)
     profile = _profile(distances, index, hits)
-    _, slope, lapse = profile.curve(estimate.value)
-    eta = profile.logit(np.array([estimate.value]), np.array([slope]), lapse)[0]
+    eta, lapse = profile.curve(estimate.value)
     curve = (float(eta[0]), float(eta[-1]), lapse)
     codes, clusters = cluster_codes(press, len(distance))
     # From the measured shares: residuals of a curve that does not fit agree within a press.
     spread = _inflation(hits - (profile.hits / profile.trials)[index], codes, clusters)
     goodness = goodness_of_fit(distances, profile.hits, profile.trials, curve, spread=spread)
     if goodness.p is not None and goodness.p < MISFIT:
-        estimate = interpolated_threshold(distance, hits, press, SHARE, rng=rng, level=level)
+        estimate = interpolated_threshold(distance, hits, press, rng=rng, level=level)
     return ThresholdFit(estimate, lapse, goodness)
 
 
@@ -506,10 +511,7 @@ class CurveFits:
             hits: (B, K) resolved pairs.
             at: (B, 3) parameters of the curves.
         """
-        eta, lapse = self.eta(at), at[:, 2, None]
-        hit, miss = np.log1p(-lapse) + log_expit(eta), np.log1p(-lapse) + log_expit(-eta)
-        with np.errstate(divide="ignore"):
-            miss = np.logaddexp(np.log(lapse), miss)
+        hit, miss = _log_shares(self.eta(at), at[:, 2, None])
         missed = self.trials - hits
         saturated = xlogy(hits, hits / self.trials) + xlogy(missed, missed / self.trials)
         return np.asarray(2 * (saturated - hits * hit - missed * miss).sum(axis=1))
@@ -655,26 +657,25 @@ def isotonic_shares(hits: FloatArray, trials: FloatArray) -> FloatArray:
     return np.asarray(least.max(axis=1))
 
 
-def crossing(distance: FloatArray, shares: FloatArray, level: float) -> FloatArray:
-    """Return the (B,) distances at which shares reach a level, mm.
+def crossing(distance: FloatArray, shares: FloatArray) -> FloatArray:
+    """Return the (B,) distances at which shares reach SHARE, mm.
 
-    This is the first distance where all shares are at the level or above, and the last distance
-    where none is.
+    This is the first distance where all shares are as large or larger, and the last distance where
+    none is.
 
     Args:
         distance: (K,) mm, rising.
         shares: (B, K) shares that never fall with the distance.
-        level: The level that is reached.
     """
-    reached = shares >= level
+    reached = shares >= SHARE
     after = np.where(reached.any(axis=1), reached.argmax(axis=1), len(distance) - 1)
     before = np.maximum(after - 1, 0)
     rows = np.arange(len(shares))
     low, high = shares[rows, before], shares[rows, after]
-    inside = (after > 0) & (high >= level) & (low > -np.inf)
+    inside = (after > 0) & (high >= SHARE) & (low > -np.inf)
     # -inf where no smaller distance has trials: the step lies at the next one
     with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.where(inside, (level - low) / (high - low), 1.0)
+        part = np.where(inside, (SHARE - low) / (high - low), 1.0)
     return np.asarray(distance[before] + part * (distance[after] - distance[before]))
 
 
@@ -682,7 +683,6 @@ def interpolated_threshold(
     distance: FloatArray,
     hits: FloatArray,
     press: Labels,
-    share: float,
     *,
     rng: np.random.Generator,
     level: float = 0.95,
@@ -696,7 +696,6 @@ def interpolated_threshold(
         distance: (N,) mm.
         hits: (N,) 0 or 1.
         press: (N,) press ids, the clusters.
-        share: The share that is crossed.
         rng: Random numbers of the bootstrap.
         level: Level of the interval.
     """
@@ -709,12 +708,12 @@ def interpolated_threshold(
     yes, all_ = (cluster_sums(counts, codes, clusters) for counts in (pairs * hits[:, None], pairs))
 
     def statistic(weights: FloatArray) -> FloatArray:
-        return crossing(distances, isotonic_shares(weights @ yes, weights @ all_), share)
+        return crossing(distances, isotonic_shares(weights @ yes, weights @ all_))
 
     shares = isotonic_shares(yes.sum(axis=0)[None], all_.sum(axis=0)[None])
-    value = float(crossing(distances, shares, share)[0])
+    value = float(crossing(distances, shares)[0])
     first, last = float(distances[0]), float(distances[-1])
-    censored = "<" if shares[0, 0] >= share else ">" if shares[0, -1] < share else None
+    censored = "<" if shares[0, 0] >= SHARE else ">" if shares[0, -1] < SHARE else None
     low, high = bca_interval(statistic, clusters, rng=rng, level=level) or (-math.inf, math.inf)
     return Estimate(
         value,

@@ -40,10 +40,8 @@ from .html_report import site_pages as site_pages
 from .limit_plot import limit_data as limit_data
 from .limit_plot import limit_figure as limit_figure
 from .limit_plot import limit_remarks as limit_remarks
-from .limit_plot import limit_table as limit_table
+from .limit_plot import limit_tables as limit_tables
 from .limit_plot import micrometres as micrometres
-from .limit_plot import spacing_remarks as spacing_remarks
-from .limit_plot import spacing_table as spacing_table
 from .pages import code as code
 from .pages import escape as escape
 from .pages import prose_html as prose_html

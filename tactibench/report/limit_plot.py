@@ -93,12 +93,8 @@ def limit_data(
         maps = map_limits(sensor, request, advance)
     subject = f"{bound.spec.origin} sensor {bound.label}, {_description(request)}"
 
-    tables, remarks = [limit_table(maps)], [*limit_remarks(maps)]
-    if maps.spacings is not None:
-        tables.append(spacing_table(maps))
-        remarks += spacing_remarks(maps)
     draw = partial(limit_figure, maps, measured_on=subject)
-    return PlotData(subject, tuple(tables), limit_rows(maps), draw, tuple(remarks))
+    return PlotData(subject, limit_tables(maps), limit_rows(maps), draw, tuple(limit_remarks(maps)))
 
 
 def _sensor(bound: BoundSpec[SensorSpec]) -> Sensor:
@@ -153,23 +149,27 @@ def _description(request: LimitRequest) -> str:
     )
 
 
-def limit_table(maps: LimitMaps) -> Table:
-    """Return the quantiles over the workspace, um, with one row per depth and quantity."""
-    rows: list[list[Cell]] = [
+def limit_tables(maps: LimitMaps) -> tuple[Table, ...]:
+    """Return the quantiles over the workspace, with one row per depth and quantity.
+
+    Bounds are in um; the spacings from which two tips differ from one are in mm, in a table of
+    their own.
+    """
+    write = "{:.2f}".format
+    bounds: list[list[Cell]] = [
         [f"{line['depth']:g}", line["quantity"], *_quantiles(line, micrometres)]
         for line in summary(maps)
         if line["quantity"] != TWO_FROM_ONE
     ]
+    spacings = [
+        [f"{line['depth']:g}", *_quantiles(line, write)] for line in _of(maps, TWO_FROM_ONE)
+    ]
     title = "Cramer-Rao bound: smallest standard deviation, um"
-    return table(("depth, mm", "sd of", *QUANTILES), rows, title=title)
-
-
-def spacing_table(maps: LimitMaps) -> Table:
-    """Return the spacings from which two tips differ from one, mm, with one row per depth."""
-    write = "{:.2f}".format
-    rows = [[f"{line['depth']:g}", *_quantiles(line, write)] for line in _of(maps, TWO_FROM_ONE)]
+    bound_table = table(("depth, mm", "sd of", *QUANTILES), bounds, title=title)
+    if not spacings:
+        return (bound_table,)
     title = "Two tips differ from one from this spacing on, mm"
-    return table(("depth, mm", *QUANTILES), rows, title=title)
+    return bound_table, table(("depth, mm", *QUANTILES), spacings, title=title)
 
 
 def _of(maps: LimitMaps, quantity: str) -> list[dict[str, Any]]:
@@ -195,7 +195,7 @@ def micrometres(value: float) -> str:
 
 
 def limit_remarks(maps: LimitMaps) -> Iterator[str]:
-    """Yield what the numbers leave out, one sentence each."""
+    """Yield what the numbers leave out and how spacings were decided, one sentence each."""
     per_depth = _of(maps, "x")
     presses = f"of {maps.request.presses:,} presses"
     if len(maps.request.indenter.offsets) > 1:
@@ -205,9 +205,8 @@ def limit_remarks(maps: LimitMaps) -> Iterator[str]:
     if refused := sum(line["refused"] for line in per_depth):
         yield f"{refused:,} {presses} are refused: {maps.refusal}"
 
-
-def spacing_remarks(maps: LimitMaps) -> Iterator[str]:
-    """Yield how the spacings were decided and what they leave out, one sentence each."""
+    if maps.spacings is None:
+        return
     diameter = 2 * maps.request.indenter.radius
     yield (
         f"Smallest spacing at which an ideal observer of the frames sees {SEEN:.0%} of the pairs, "

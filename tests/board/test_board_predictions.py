@@ -11,7 +11,6 @@ from tactibench.board import (
     FOLDER,
     add,
     answers_file,
-    press_errors,
     read_answers_file,
     read_press_errors,
 )
@@ -29,11 +28,11 @@ def stored(tmp_path, fabricate):
 
 def test_answers_keep_their_hash_and_the_errors_are_those_of_presses(tmp_path, stored) -> None:
     run, expected = stored(), {0: 0.06, 1: 0.06, 2: 1.5, 3: 0.06, 4: 0.06}  # half the gate: missed
-    path = add(run, tmp_path / "board").path
+    path, _ = add(run, tmp_path / "board")
     arrays = read_answers_file(answers_file(path))
     answers = {name: a for name, a in arrays.items() if not name.startswith("ranked.")}
     assert arrays_hash(answers) == run.record.identity.predictions_hash
-    found = press_errors(tmp_path / "board", run.record)
+    found = read_press_errors(answers_file(path))
     assert found.press.tolist() == [f"singles-{k}" for k in expected]
     assert found.error == pytest.approx(list(expected.values()))
 

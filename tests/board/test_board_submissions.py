@@ -29,7 +29,7 @@ def committed(board):
 
 def test_a_committed_record_is_valid_and_small(tmp_path, stored):
     run = stored()
-    path = add(run, tmp_path / "board").path
+    path, _ = add(run, tmp_path / "board")
     assert path == tmp_path / "board" / FOLDER / "exp1" / f"{run.record.name}.json"
     (record,) = read_submissions(tmp_path / "board", "exp1")
     assert record.identity.checksum is not None
@@ -65,8 +65,8 @@ def test_a_newer_run_of_a_row_and_seed_takes_the_place_of_the_older(tmp_path, st
     board = tmp_path / "board"
     add(stored(seed=0), board)
     add(stored(seed=1), board)
-    newer = add(stored(seed=0, error=0.01, name="exp1-unet-single-s0-newer"), board)
-    assert [path.name[:20] for path in newer.replaced] == ["exp1-unet-single-s0-"]
+    _, replaced = add(stored(seed=0, error=0.01, name="exp1-unet-single-s0-newer"), board)
+    assert [path.name[:20] for path in replaced] == ["exp1-unet-single-s0-"]
     assert len(committed(board)) == 2
     assert "exp1-unet-single-s0-newer.json" in committed(board)
 

@@ -28,9 +28,7 @@ from tactibench.report import (
     image_bytes,
     limit_figure,
     limit_remarks,
-    limit_table,
-    spacing_remarks,
-    spacing_table,
+    limit_tables,
     terminal_text,
 )
 
@@ -142,10 +140,10 @@ def test_two_tips_are_told_from_one_at_a_few_places() -> None:
     assert maps.spacings[1, :, 1:] == pytest.approx(np.sqrt(D_PRIME / 2), rel=1e-4)
     lines = [line for line in summary(maps) if line["quantity"] == TWO_FROM_ONE]
     assert [(line["n"], line["refused"]) for line in lines] == [(20, 5), (20, 5)]
-    text = " ".join(spacing_remarks(maps))
+    text = " ".join(limit_remarks(maps))
     assert "75% of the pairs" in text
     assert "Below 2 mm" in text
-    shown = terminal_text(spacing_table(maps), 80).plain
+    shown = terminal_text(limit_tables(maps)[1], 80).plain
     assert "1.73" in shown
     rows = {(row["metric"], row["group"]): row["value"] for row in limit_rows(maps)}
     assert rows["limit_mm", "depth 4 mm, median"] == pytest.approx(1.2249, rel=1e-3)
@@ -172,7 +170,7 @@ def test_the_table_names_what_is_left_out() -> None:
     assert "of the worse of the two tips" in text
     assert "are refused: too far to the right." in text
     assert "have no bound" in text
-    lines = terminal_text(limit_table(maps), 80).plain.splitlines()
+    lines = terminal_text(limit_tables(maps)[0], 80).plain.splitlines()
     assert max(map(len, lines)) <= 80
 
 

@@ -31,7 +31,7 @@ def submitted(
 ) -> Callable[..., Path]:
     """Keywords of a request -> the record of its run, committed."""
     monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(Path(mini("exp1")).parent))
-    return lambda **more: add(run("exp1", **more), tmp_path / "board").path
+    return lambda **more: add(run("exp1", **more), tmp_path / "board")[0]
 
 
 @pytest.fixture(scope="module")

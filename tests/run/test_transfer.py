@@ -238,7 +238,7 @@ def submitted(
     monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(Path(protocol).parent))
 
     def made(model: str) -> Path:
-        return submissions.add(done(model)[1], tmp_path / "boards").path
+        return submissions.add(done(model)[1], tmp_path / "boards")[0]
 
     return made
 
