@@ -78,10 +78,8 @@ def check_pages(ctx: click.Context, board_folder: Path) -> None:
 
     Nothing is written.
     """
-    from tactibench.board import check_folder
     from tactibench.report import board_words, page_files
 
-    check_folder(board_folder)
     pages = page_files(board_folder)
     stale = [page for page in pages if not page.current]
     write = ["tactibench", "board", "write", *board_words(board_folder)]
@@ -315,10 +313,8 @@ def hidden(protocol: str, reveal: bool, board_folder: Path) -> None:
 
 
 def _write_pages(board_folder: Path) -> None:
-    from tactibench.board import check_folder
     from tactibench.report import page_files
 
-    check_folder(board_folder)
     pages = page_files(board_folder)
     if not pages:
         echo(f"{board_folder} holds no run; `tactibench board add RUN` adds one")

@@ -35,10 +35,7 @@ MOST_CELLS = 101
 LETTERS_AN_INCH = 12
 SPACING_MM = 7.0
 """Spacing of two tips where none is given."""
-QUANTILES: tuple[Head, ...] = (
-    *("middle", "median", "90 %", "worst", "at x, y mm"),
-    Column("presses"),
-)
+QUANTILES: tuple[Head, ...] = ("middle", "median", "90 %", "worst", "at x, y mm", Column("presses"))
 
 
 def limit_data(
