@@ -54,7 +54,6 @@ def trained_model(
     *,
     params: Sequence[str] = (),
     data: Path | None = None,
-    regime: str | None = None,
     sensor: str | None = None,
 ) -> tuple[Model, str]:
     """Return a model with weights from the cache, and its label.
@@ -65,7 +64,6 @@ def trained_model(
         protocol: Name or file of the protocol that it was trained on.
         params: Parameters as texts, such as "model.width=32".
         data: Folder of recorded frames that it was trained on.
-        regime: Regime that it was trained in.
         sensor: Sensor that it was trained on.
 
     Raises:
@@ -91,7 +89,6 @@ def trained_model(
         name,
         parameters=read_parameters(tuple(params)),
         data=data,
-        regime=regime,
         sensor=sensor,
     )
     plan = make_plan(request, PluginHost(), cache_folder())

@@ -20,7 +20,6 @@ from .commands.calibrate import measure_place as measure_place
 from .commands.calibrate import measure_settling as measure_settling
 from .commands.devices import check_setup as check_setup
 from .commands.devices import check_way as check_way
-from .commands.live import press_meanwhile as press_meanwhile
 from .commands.output import open_devices as open_devices
 from .geometry import PressGeometry as PressGeometry
 from .geometry import angle_between as angle_between
@@ -70,6 +69,4 @@ from .touch import find_touch as find_touch
 from .touch import fit_onset as fit_onset
 from .touch import projections as projections
 from .ur import UrRobot as UrRobot
-from .ur import describe_safety as describe_safety
-from .ur import is_normal as is_normal
-from .ur import is_protective_stop as is_protective_stop
+from .ur import safety_state as safety_state

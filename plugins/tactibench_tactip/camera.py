@@ -87,23 +87,17 @@ def open_capture(settings: CameraSettings) -> Any:
     if isinstance(source, str) and "://" in source:
         limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 3000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1500]
         capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
-    elif isinstance(source, str) and source.startswith("/dev/") and not Path(source).exists():
-        raise _no_camera(source)
     elif sys.platform == "linux" and (isinstance(source, int) or source.startswith("/dev/")):
         device = source if isinstance(source, int) else str(Path(source).resolve())
         capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
     else:
         capture = cv2.VideoCapture(source)
     if not capture.isOpened():
-        raise _no_camera(source)
+        raise CameraError(
+            f"the camera {source!r} cannot be opened; check camera.source (`ls /dev/v4l/by-id`) "
+            "and that no other program uses it."
+        )
     return capture
-
-
-def _no_camera(source: str | int) -> CameraError:
-    return CameraError(
-        f"the camera {source!r} cannot be opened; check camera.source (`ls /dev/v4l/by-id`) "
-        "and that no other program uses it."
-    )
 
 
 def configure(capture: Any, settings: CameraSettings) -> ReadBack:
@@ -125,10 +119,20 @@ def configure(capture: Any, settings: CameraSettings) -> ReadBack:
     if not is_stream:
         capture.set(cv2.CAP_PROP_FPS, settings.fps)
     if settings.exposure is not None:
-        _switch_to_manual(capture, settings)
-        _set(capture, cv2.CAP_PROP_EXPOSURE, settings.exposure, "camera.exposure")
-    if settings.gain is not None:
-        _set(capture, cv2.CAP_PROP_GAIN, settings.gain, "camera.gain")
+        manual = MANUAL_V4L2 if capture.getBackendName() == "V4L2" else MANUAL_OTHER
+        if not _takes(capture, cv2.CAP_PROP_AUTO_EXPOSURE, manual):
+            raise UserError(
+                f"the camera {settings.source!r} does not switch its automatic exposure off; "
+                "switch it off with the maker's tool or v4l2-ctl and leave camera.exposure out, or "
+                "take another camera."
+            )
+    for key, name in (("exposure", cv2.CAP_PROP_EXPOSURE), ("gain", cv2.CAP_PROP_GAIN)):
+        value = getattr(settings, key)
+        if value is not None and not _takes(capture, name, value):
+            raise UserError(
+                f"camera.{key} is {value:g}, but the camera stays at {capture.get(name):g}; name a "
+                "value that it takes (v4l2-ctl --list-ctrls shows them), or leave the key out."
+            )
     actual = read_back(capture)
     if settings.size is not None and (actual.width, actual.height) != settings.size:
         raise UserError(
@@ -172,29 +176,10 @@ def read_back(capture: Any) -> ReadBack:
     )
 
 
-def _switch_to_manual(capture: Any, settings: CameraSettings) -> None:
-    import cv2
-
-    manual = MANUAL_V4L2 if capture.getBackendName() == "V4L2" else MANUAL_OTHER
-    accepted = capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, manual)
-    actual = float(capture.get(cv2.CAP_PROP_AUTO_EXPOSURE))
-    if not accepted or abs(actual - manual) > 1e-3:
-        raise UserError(
-            f"the camera {settings.source!r} does not switch its automatic exposure off "
-            f"({capture.getBackendName()} says {actual:g}); switch it off with the maker's tool or "
-            "v4l2-ctl and leave camera.exposure out, or take another camera: frames whose "
-            "brightness follows the contact teach a model the wrong thing."
-        )
-
-
-def _set(capture: Any, name: int, value: float, key: str) -> None:
+def _takes(capture: Any, name: int, value: float) -> bool:
+    """Set a property, and return whether the camera then has it."""
     accepted = capture.set(name, value)
-    actual = float(capture.get(name))
-    if not accepted or abs(actual - value) > 1e-3 + 0.01 * abs(value):
-        raise UserError(
-            f"{key} is {value:g}, but the camera stays at {actual:g}; name a value that it takes "
-            "(v4l2-ctl --list-ctrls shows them), or leave the key out."
-        )
+    return bool(accepted) and abs(float(capture.get(name)) - value) <= 1e-3 + 0.01 * abs(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +204,6 @@ class Camera:
     Attributes:
         frames: Number of frames so far.
         read_back: Settings as the camera reports them; None before it is open.
-        reopened: Number of times that a stalled camera was opened again without a frame since.
     """
 
     def __init__(self, settings: CameraSettings, open_: OpenCapture = open_capture) -> None:
@@ -234,7 +218,6 @@ class Camera:
         self._gaps_s: deque[float] = deque(maxlen=51)
         self.frames = 0
         self.read_back: ReadBack | None = None
-        self.reopened = 0
 
     def __enter__(self) -> Self:
         try:
@@ -286,13 +269,8 @@ class Camera:
         try:
             return self._wait(after_ns, count)
         except CameraError:
-            if self.reopened:
-                raise
-        self.reopened += 1
-        self._begin()
-        frames = self._wait(after_ns, count)
-        self.reopened = 0
-        return frames
+            self._begin()
+            return self._wait(after_ns, count)
 
     def after(self, end_ns: int, count: int = 1) -> list[CameraFrame]:
         """Return ``count`` frames that were begun after a moment of ``time.monotonic_ns``.

@@ -306,7 +306,7 @@ def _floats(values: Iterable[float]) -> list[float]:
 def stop_signals(
     notify: Callable[[str], None], stop: Callable[[], None]
 ) -> Iterator[threading.Event]:
-    """Handle the signals of this process in the block, where it runs in the main thread.
+    """Handle the signals of this process in the block, which runs in the main thread.
 
     Args:
         notify: Function that takes a sentence for a person.
@@ -326,9 +326,6 @@ def stop_signals(
         notify("stopping the robot")
         stop()
 
-    if threading.current_thread() is not threading.main_thread():
-        yield ended
-        return
     before = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield ended
@@ -432,7 +429,7 @@ def dry_run(
             path = station.path(scene)
             with station.at(scene):
                 station.do(partial(station.down, path=path))
-                station.draw_back()
+                station.withdraw()
             count += 1
             advance(1)
     return count

@@ -101,14 +101,9 @@ def from_ur(pose: list[float]) -> Pose6:
 
 
 def angle_between(a: Pose6, b: Pose6) -> float:
-    """Return the angle between two orientations, deg.
-
-    From |R1 - R2| = 2 sqrt(2) sin(angle / 2), which is exact also for small angles.
-    """
-    if a[3:] == b[3:]:
-        return 0.0
-    difference = float(np.linalg.norm(matrix(a)[:3, :3] - matrix(b)[:3, :3]))
-    return math.degrees(2.0 * math.asin(min(1.0, difference / (2.0 * math.sqrt(2.0)))))
+    """Return the angle between two orientations, deg."""
+    turn_a, turn_b = (Rotation.from_euler("xyz", pose[3:], degrees=True) for pose in (a, b))
+    return math.degrees((turn_a.inv() * turn_b).magnitude())
 
 
 def distance_between(a: Pose6, b: Pose6) -> float:

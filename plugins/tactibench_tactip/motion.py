@@ -229,8 +229,12 @@ class Mover:
 
     def check(self) -> None:
         """Raise StopNowError on a request to stop, RobotError where the robot is not normal."""
-        self._check_halt()
-        self._check_normal()
+        if self._halt.is_set():
+            raise StopNowError
+        state = self._robot.state()
+        if not state.normal:
+            kind = ProtectiveStopError if state.stopped else RobotError
+            raise kind(f"the robot is not normal: {state.description}.")
 
     def rest(self, seconds: float) -> None:
         """Stand still for a time.
@@ -245,9 +249,8 @@ class Mover:
             time.sleep(min(TICK_S, left))
 
     def _go(self, target: Pose6, speed: float, guard: Guard | None) -> None:
-        self._check_halt()
+        self.check()
         start = self.pose()
-        self._check_normal()
         acceleration = self._settings.robot.acceleration_mm_s2
         for attempt in (1, 2):
             self._robot.start(pose_of(self._work @ matrix(target)), speed, acceleration)
@@ -271,8 +274,7 @@ class Mover:
         end = time.monotonic() + limit
         try:
             while self._robot.moving():
-                self._check_halt()
-                self._check_normal()
+                self.check()
                 self._check_way(start, target, guard)
                 if time.monotonic() > end:
                     raise RobotError(
@@ -284,7 +286,7 @@ class Mover:
             with suppress(RobotError):  # the reason for stopping is the error that is shown
                 self.stop()
             raise
-        self._check_normal()
+        self.check()
 
     def _check_way(self, start: Pose6, target: Pose6, guard: Guard | None) -> None:
         pose = self.pose()
@@ -294,16 +296,6 @@ class Mover:
         reason = "" if guard is None else guard(pose)
         if reason:
             raise GuardError(reason)
-
-    def _check_halt(self) -> None:
-        if self._halt.is_set():
-            raise StopNowError
-
-    def _check_normal(self) -> None:
-        state = self._robot.state()
-        if not state.normal:
-            kind = ProtectiveStopError if state.stopped else RobotError
-            raise kind(f"the robot is not normal: {state.description}.")
 
 
 class RobotThread:

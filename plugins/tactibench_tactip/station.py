@@ -134,12 +134,15 @@ class Station:
         trace: TracebackType | None,
     ) -> None:
         with self._stack:
+            problem = ""
             try:
-                problem = self.withdraw()
+                self.withdraw()
+            except RobotError as failure:
+                problem = str(failure)
             except StopNowError:
-                problem = "the robot was stopped again; the tool was left where it is"
+                problem = "the robot was stopped again; the tool was left where it is."
             if problem and self._pressed is not None:
-                warning = f"{problem}, at a press: look before anything moves."
+                warning = f"{problem} It is at a press: look before anything moves."
                 if error is None:
                     raise RobotError(warning)
                 error.add_note(warning)
@@ -164,37 +167,22 @@ class Station:
 
     # The way back
 
-    def withdraw(self) -> str:
-        """Stop, and retract the tool where the robot is normal.
-
-        Returns:
-            Why the tool was left where it is; "" where it was not.
-        """
+    def withdraw(self) -> None:
+        """Stop, and retract the tool. Raise RobotError where it was left where it is."""
         scene = self._pressed
 
-        def back(mover: Mover) -> str:
+        def back(mover: Mover) -> None:
             self.robot_thread.halt.clear()  # here: jobs before this one have seen it
             mover.stop()
-            state = mover.state()
-            if not state.normal:
-                return f"{state.description}; the tool was left where it is"
+            mover.check()
             if scene is not None:
                 mover.withdraw(scene, self.geometry)
-            return ""
 
         try:
-            problem = self.do(back)
+            self.do(back)
         except RobotError as error:
-            return f"{error} The tool was left where it is"
-        if not problem:
-            self._pressed = None
-        return problem
-
-    def draw_back(self) -> None:
-        """Withdraw the tool. Raise RobotError where it was left where it is."""
-        problem = self.withdraw()
-        if problem:
-            raise RobotError(f"{problem}.")
+            raise RobotError(f"{error} The tool was left where it is.") from None
+        self._pressed = None
 
     def retract(self, scene: Scene) -> None:
         """Move straight back from a press to clearance."""
@@ -286,7 +274,8 @@ class Station:
         try:
             yield
         except BaseException:
-            self.withdraw()
+            with contextlib.suppress(RobotError):  # the error of the block is the one that is shown
+                self.withdraw()
             raise
         self._pressed = None
 

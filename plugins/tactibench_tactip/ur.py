@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Connection, Listener
 from typing import Any
@@ -107,7 +108,6 @@ class UrLink:
         self._facts: dict[str, Any] = {"time": -1.0}
         self._stale_s = min(MOST_STALE_S, max(STALE_S, 1.0 / watchdog_hz))
         self._asked_at = self._changed_at = 0.0
-        self._last = ""
         self._link = self._start()
         first = {"host": host, "tcp": tcp, "watchdog_hz": watchdog_hz}
         try:
@@ -186,7 +186,6 @@ class UrLink:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait(END_S)
-        self._last = self._last_word()
         self._stderr.close()
 
     def _start(self) -> Connection:
@@ -220,7 +219,7 @@ class UrLink:
     def _last_word(self) -> str:
         """Return the last line that the process of the arm wrote to stderr."""
         if self._stderr.closed:
-            return self._last
+            return "it was closed"
         self._stderr.seek(0)
         lines = self._stderr.read().decode("utf-8", "replace").splitlines()
         return next((line.strip() for line in reversed(lines) if line.strip()), "no word")
@@ -307,19 +306,12 @@ class UrRobot(Robot):
     def state(self) -> RobotState:
         """Return the state, from the safety status, the mode and the program."""
         facts = self._link.facts()
-        bits, mode = facts["bits"], facts["mode"]
-        normal, description = is_normal(bits) and mode == RUNNING, describe_safety(bits, mode)
-        if normal and not facts["program"]:
-            normal = False
-            description = "its control program ended (watchdog, pendant or another client)"
+        state = safety_state(facts["bits"], facts["mode"])
+        if state.normal and not facts["program"]:
+            ended = "the UR says: its control program ended (watchdog, pendant or another client)"
+            state = RobotState(normal=False, description=ended)
         fx, fy, fz = facts["force"]
-        return RobotState(
-            normal,
-            f"the UR says: {description}",
-            is_protective_stop(bits),
-            (fx, fy, fz),
-            facts["time"],
-        )
+        return replace(state, force_n=(fx, fy, fz), time_s=facts["time"])
 
     def close(self) -> None:
         """Let go of the arm, which stops."""
@@ -427,31 +419,25 @@ class Dashboard:
         return line.decode("utf-8", "replace").strip()
 
 
-def is_normal(bits: int) -> bool:
-    """Return whether the arm may be moved: normal or reduced, and nothing else set."""
-    return bool(bits & (1 << NORMAL | 1 << REDUCED)) and not _stops(bits)
+def safety_state(bits: int, mode: int) -> RobotState:
+    """Return whether the arm may be moved, and everything that keeps it from moving.
 
-
-def is_protective_stop(bits: int) -> bool:
-    """Return whether a protective stop is the only reason that keeps the arm from moving."""
-    return _stops(bits) == [PROTECTIVE]
-
-
-def describe_safety(bits: int, mode: int) -> str:
-    """Return everything that keeps the arm from moving, or "normal" or "reduced".
+    It counts as stopped where a protective stop is the only reason.
 
     Args:
         bits: Safety status bits.
         mode: Robot mode.
     """
-    reasons = [STOP_BITS[bit] for bit in _stops(bits)]
+    stops = [bit for bit in STOP_BITS if bits >> bit & 1]
+    reasons = [STOP_BITS[bit] for bit in stops]
     if mode != RUNNING:
         reasons.append(MODES.get(mode, f"robot mode {mode}"))
-    return ", ".join(reasons) or ("reduced" if bits >> REDUCED & 1 else "normal")
-
-
-def _stops(bits: int) -> list[int]:
-    return [bit for bit in STOP_BITS if bits >> bit & 1]
+    reduced = bool(bits >> REDUCED & 1)
+    return RobotState(
+        normal=not reasons and (reduced or bool(bits >> NORMAL & 1)),
+        description=f"the UR says: {', '.join(reasons) or ('reduced' if reduced else 'normal')}",
+        stopped=stops == [PROTECTIVE],
+    )
 
 
 def _same(a: Pose6, b: Pose6) -> bool:

@@ -22,10 +22,8 @@ from tactibench_tactip import (
     Settings,
     UrRobot,
     angle_between,
-    describe_safety,
     from_ur,
-    is_normal,
-    is_protective_stop,
+    safety_state,
 )
 
 Make = Callable[..., Settings]
@@ -159,13 +157,14 @@ def test_a_stream_that_freezes_is_a_lost_arm(robot: UrRobot, arm: ScriptedUr) ->
         (0b100, 7, "protective stop", False, True),
         (0b1000000100, 7, "protective stop, safety fault", False, False),
         (0b11000000, 7, "emergency stop of the robot, emergency stop", False, False),
-        (0b1, 3, "power off", True, False),
+        (0b1, 3, "power off", False, False),
+        (0b0, 7, "normal", False, False),
     ],
 )
 def test_safety_bits(bits: int, mode: int, message: str, normal: bool, protective: bool) -> None:
-    assert describe_safety(bits, mode) == message
-    assert is_normal(bits) == normal
-    assert is_protective_stop(bits) == protective
+    state = safety_state(bits, mode)
+    assert state.description == f"the UR says: {message}"
+    assert (state.normal, state.stopped) == (normal, protective)
 
 
 def _until(condition: Callable[[], bool]) -> None:
