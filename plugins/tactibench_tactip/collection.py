@@ -256,10 +256,10 @@ class Collector:
             "depth_meas_mm": float(result.scene.pose.depth) if result.looks else 0.0,
             "z0_mm": station.geometry.z0,
             "z0_method": station.settings.contact.method,
-            "pose_cmd": _floats(result.commanded),
-            "pose_meas_before": _floats(result.before),
-            "pose_meas_after": _floats(result.after),
-            "force_n": _floats(state.force_n or ()),
+            "pose_cmd": list(result.commanded),
+            "pose_meas_before": list(result.before),
+            "pose_meas_after": list(result.after),
+            "force_n": list(state.force_n or ()),
             "t_settle_ns": result.settled_ns,
             "robot_timestamp": [] if state.time_s is None else [state.time_s],
             "looks": result.looks,
@@ -296,10 +296,6 @@ class Collector:
 
     def _event(self, kind: str, press: Press, reason: str) -> None:
         self._writer.event(kind, id=press.id, reason=reason, session=self._session)
-
-
-def _floats(values: Iterable[float]) -> list[float]:
-    return [float(value) for value in values]
 
 
 @contextmanager
@@ -429,7 +425,6 @@ def dry_run(
             path = station.path(scene)
             with station.at(scene):
                 station.do(partial(station.down, path=path))
-                station.withdraw()
             count += 1
             advance(1)
     return count

@@ -224,12 +224,8 @@ def is_mounted(mounted: Indenter, indenter: Indenter) -> bool:
     """Return whether the mounted indenter is the one that a press needs."""
     if mounted.is_plate or indenter.is_plate:
         return mounted.is_plate and indenter.is_plate
-    tips, others = np.array(mounted.offsets), np.array(indenter.offsets)
-    return (
-        tips.shape == others.shape
-        and abs(mounted.radius - indenter.radius) < SAME_MM
-        and bool((np.abs(tips - others) < SAME_MM).all())
-    )
+    tips, others = ([i.radius, *np.ravel(i.offsets)] for i in (mounted, indenter))
+    return len(tips) == len(others) and np.allclose(tips, others, rtol=0.0, atol=SAME_MM)
 
 
 def describe_indenter(indenter: Indenter) -> str:

@@ -184,10 +184,6 @@ class Station:
             raise RobotError(f"{error} The tool was left where it is.") from None
         self._pressed = None
 
-    def retract(self, scene: Scene) -> None:
-        """Move straight back from a press to clearance."""
-        self.do(lambda m: m.withdraw(scene, self.geometry))
-
     def make_room(self) -> None:
         """Move up as far as the envelope allows, so that somebody can change the indenter."""
 
@@ -269,10 +265,11 @@ class Station:
 
     @contextlib.contextmanager
     def at(self, scene: Scene) -> Iterator[None]:
-        """Note that the tool is on the path of a press; an exception in the block withdraws it."""
+        """Draw the tool back at the end of the block, in which it is on the path of a press."""
         self._pressed = scene
         try:
             yield
+            self.do(lambda m: m.withdraw(scene, self.geometry))
         except BaseException:
             with contextlib.suppress(RobotError):  # the error of the block is the one that is shown
                 self.withdraw()
@@ -337,7 +334,6 @@ class Station:
             moved = max(abs(a - b) for a, b in zip(before[:3], after[:3], strict=True))
             if moved > SAME_MM and not check.reason:
                 check = replace(check, reason=f"the tool moved by {moved:.2f} mm meanwhile")
-            self.retract(scene)
         return PressResult(reached, check, settled_ns, path.down, before, after, state, looks)
 
     def press_checked(self, scene: Scene) -> PressResult:

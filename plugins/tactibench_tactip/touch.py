@@ -75,7 +75,6 @@ def _search(station: Station, place: Scene) -> FirstTouch:
         find = search.by_image if contact.method == "visual" else search.by_force
         once = find(-contact.travel_mm if station.touch is None else -AGAIN_MM)
         twice = find(once - AGAIN_MM)
-        station.retract(place)
     spread = abs(once - twice)
     if spread > contact.spread_mm:
         raise UserError(

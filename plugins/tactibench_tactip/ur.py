@@ -109,9 +109,8 @@ class UrLink:
         self._stale_s = min(MOST_STALE_S, max(STALE_S, 1.0 / watchdog_hz))
         self._asked_at = self._changed_at = 0.0
         self._link = self._start()
-        first = {"host": host, "tcp": tcp, "watchdog_hz": watchdog_hz}
         try:
-            self._link.send(first)
+            self._link.send((host, tcp, watchdog_hz))
             if not self._link.poll(seconds):
                 raise RobotError(
                     f"the UR at {host} did not answer within {seconds:g} s; check that it is "

@@ -112,9 +112,9 @@ class Arm:
 
 def serve(link: Connection) -> None:
     """Carry out the orders of the other side until the connection ends."""
-    first = link.recv()
+    settings = link.recv()
     try:
-        arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
+        arm = Arm(*settings)
     except Exception as error:  # noqa: BLE001 - sent to the other side
         link.send({"failed": " ".join(str(error).split())})
         return

@@ -233,7 +233,6 @@ def measure_settling(station: Station, depth: float, seconds: float) -> float:
             frames += station.camera.fresh(since_ns)
             since_ns = frames[-1].t_ns + 1
             station.do(lambda m: m.check())
-        station.retract(scene)
     images = [frame.image for frame in frames]
     last = np.mean(images[-MEAN_OF:], axis=0)
     starts = range(len(images) - MEAN_OF + 1)

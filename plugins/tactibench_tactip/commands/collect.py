@@ -41,7 +41,7 @@ MOST_ROWS = 20
 
 
 def plan_options(verb: Verb) -> Verb:
-    """Add the options that choose presses of a protocol."""
+    """Add the options that choose presses of a protocol, as ``plan_of`` takes them."""
     draw = click.option(
         "--draw",
         "draws",
@@ -67,9 +67,7 @@ def plan_options(verb: Verb) -> Verb:
 def plan(
     presses: str,
     config: Path,
-    draws: tuple[str, ...],
-    count: int | None,
-    seed: int | None,
+    **choice: Any,
 ) -> None:
     """Check the presses that a protocol needs against the configuration, without any device.
 
@@ -77,7 +75,7 @@ def plan(
     presses, how long it takes, and how often a hand has to mount another indenter.
     """
     settings = read_settings(config)
-    planned = plan_of(presses, settings, draws=draws, count=count, seed=seed)
+    planned = plan_of(presses, settings, **choice)
     check_plan(planned, settings, geometry_of(settings), turns=make_robot(settings).turns)
     rows: list[tuple[str, str, str, str]] = []
     total, hands = 0.0, 0
