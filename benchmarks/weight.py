@@ -44,7 +44,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_recorded": (258, 3),
     "plugins/tactibench_sim": (3587, 22),
     "plugins/tactibench_superpose": (799, 5),
-    "plugins/tactibench_tactip": (3634, 22),
+    "plugins/tactibench_tactip": (3620, 22),
     "plugins/tactibench_unet": (440, 3),
     "plugins/tactibench_vgnn": (351, 3),
     "tactibench": (802, 11),

@@ -19,12 +19,6 @@ def settings() -> Settings:
 
 
 @pytest.fixture
-def make() -> Callable[..., Settings]:
-    """Settings with some keys changed: ``make(robot={...})``."""
-    return make_settings
-
-
-@pytest.fixture
 def robot(settings: Settings) -> FakeRobot:
     return FakeRobot(settings)
 

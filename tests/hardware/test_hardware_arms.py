@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from types import ModuleType
 
 import pytest
-from fake_station import finish
+from fake_station import finish, make_settings
 from scripted_ur import STOP_L, ScriptedUr
 
 from tactibench import UserError
@@ -19,14 +19,12 @@ from tactibench_tactip import (
     Pose6,
     RobotError,
     RobotLostError,
-    Settings,
     UrRobot,
     angle_between,
     from_ur,
     safety_state,
 )
 
-Make = Callable[..., Settings]
 HOST = "127.0.0.97"
 needs_rtde = pytest.mark.skipif(
     find_spec("rtde_control") is None, reason="ur_rtde is not installed (no wheel for Python 3.13)"
@@ -40,8 +38,8 @@ def arm() -> Iterator[ScriptedUr]:
 
 
 @pytest.fixture
-def robot(arm: ScriptedUr, make: Make) -> Iterator[UrRobot]:
-    robot = UrRobot(make(robot={"address": arm.host, "watchdog_hz": 2.0}))
+def robot(arm: ScriptedUr) -> Iterator[UrRobot]:
+    robot = UrRobot(make_settings(robot={"address": arm.host, "watchdog_hz": 2.0}))
     robot.connect()
     yield robot
     robot.close()
@@ -56,27 +54,27 @@ def robot(arm: ScriptedUr, make: Make) -> Iterator[UrRobot]:
     ],
 )
 def test_an_arm_that_is_not_ready_is_refused(
-    make: Make, given: dict[str, bool], change: dict[str, object], message: str
+    given: dict[str, bool], change: dict[str, object], message: str
 ) -> None:
     with ScriptedUr(HOST, **given) as arm:
         for name, value in change.items():
             setattr(arm, name, value)
-        robot = UrRobot(make(robot={"address": arm.host}))
+        robot = UrRobot(make_settings(robot={"address": arm.host}))
         with pytest.raises(UserError, match=message):
             robot.connect()
         robot.close()
 
 
-def test_a_robot_that_is_not_there(make: Make) -> None:
+def test_a_robot_that_is_not_there() -> None:
     with pytest.raises(UserError, match=r"answers as a UR does.*robot\.address"):
-        UrRobot(make(robot={"address": "127.0.0.98"})).connect()
+        UrRobot(make_settings(robot={"address": "127.0.0.98"})).connect()
 
 
 @needs_rtde
 @pytest.mark.long
-def test_registers_of_a_fieldbus_are_refused(make: Make) -> None:
+def test_registers_of_a_fieldbus_are_refused() -> None:
     with ScriptedUr(HOST, in_use="input_int_register_0") as arm:
-        robot = UrRobot(make(robot={"address": arm.host}))
+        robot = UrRobot(make_settings(robot={"address": arm.host}))
         with pytest.raises(UserError, match=r"already in use.*fieldbus"):
             robot.connect()
         robot.close()
@@ -84,14 +82,14 @@ def test_registers_of_a_fieldbus_are_refused(make: Make) -> None:
 
 @needs_rtde
 @pytest.mark.long
-def test_another_tcp_on_the_pendant_is_refused_before_it_is_replaced(make: Make) -> None:
+def test_another_tcp_on_the_pendant_is_refused_before_it_is_replaced() -> None:
     with ScriptedUr(HOST, tcp_mm=50.0) as arm:
-        robot = UrRobot(make(robot={"address": arm.host}))
+        robot = UrRobot(make_settings(robot={"address": arm.host}))
         with pytest.raises(UserError, match=r"TCP is 0\.0, -?0\.0, 50\.0.*robot\.set_tcp = true"):
             robot.connect()
         robot.close()
         assert arm.tcp[2] == 0.05
-        robot = UrRobot(make(robot={"address": arm.host, "set_tcp": True}))
+        robot = UrRobot(make_settings(robot={"address": arm.host, "set_tcp": True}))
         robot.connect()
         assert arm.tcp[2] == pytest.approx(0.0891)
         assert arm.watchdog_hz == 10.0
@@ -174,9 +172,6 @@ def _until(condition: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-Make = Callable[..., Settings]
-
-
 class Dobot:
     """A robot of the cri convention."""
 
@@ -194,13 +189,13 @@ class Dobot:
 
 
 @pytest.fixture
-def make_robot(monkeypatch: pytest.MonkeyPatch, make: Make) -> Callable[[str], CriRobot]:
+def make_robot(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], CriRobot]:
     module = ModuleType("dobot_of_the_lab")
     module.make = Dobot  # type: ignore[attr-defined]
     module.half = object  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, module.__name__, module)
     return lambda name: CriRobot(
-        make(robot={"driver": "cri", "address": f"dobot_of_the_lab:{name}"})
+        make_settings(robot={"driver": "cri", "address": f"dobot_of_the_lab:{name}"})
     )
 
 

@@ -20,7 +20,6 @@ from tactibench_tactip import (
     CameraSettings,
     Reference,
     SensorSettings,
-    Settings,
     check_frames,
     configure,
     open_capture,
@@ -114,7 +113,7 @@ def test_a_setting_that_is_not_taken_is_refused(
         configure(capture, SETTINGS.model_copy(update=keys))
 
 
-def test_a_camera_that_is_not_there(make: Callable[..., Settings]) -> None:
+def test_a_camera_that_is_not_there() -> None:
     keys = CameraSettings(source="/dev/v4l/by-id/nothing")
     with pytest.raises(CameraError, match="v4l/by-id"):
         open_capture(keys)

@@ -272,16 +272,6 @@ def test_an_indenter_that_is_not_mounted_waits(lab: Lab) -> None:
     assert open_dataset(lab.folder).header.status == "closed"
 
 
-def test_a_plan_outside_the_envelope_opens_nothing(lab: Lab) -> None:
-    far = CollectionPlan(
-        "far", (Press(0, "p", Scene(Indenter.single(), Pose(14.0, 0, depth=1.0))),), {}
-    )
-    with pytest.raises(UserError, match="before any motion"):
-        lab.collect(far)
-    assert not lab.folder.exists()
-    assert lab.robot.moves == []
-
-
 def test_a_flickering_light_is_refused(lab: Lab) -> None:
     grabs = iter(range(10_000))
     steady = lab.capture.retrieve

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import pytest
-from fake_station import finish
+from fake_station import finish, make_settings
 from scripted_grbl import ScriptedGrbl
 
 from tactibench import UserError
@@ -41,9 +41,9 @@ def stage() -> Iterator[ScriptedGrbl]:
 
 
 @pytest.fixture
-def keys(make: Make) -> Make:
+def keys() -> Make:
     def settings(stage: ScriptedGrbl, **robot: object) -> Settings:
-        return make(
+        return make_settings(
             robot={"driver": "grbl", "address": stage.address, **robot},
             frames={"work_frame": [-100.0, -100.0, -70.0, 180.0, 0.0, 0.0], "tcp_pose": [0.0] * 6},
         )
@@ -104,9 +104,11 @@ def test_doctor_takes_a_stage_that_homes_before_it_moves(stage: ScriptedGrbl, ke
     assert not [line for line in stage.lines if line == "$H" or line.startswith("$J")]
 
 
-def test_what_is_no_grbl_is_refused(make: Make) -> None:
+def test_what_is_no_grbl_is_refused() -> None:
     with pytest.raises(UserError, match="cannot be opened"):
-        GrblRobot(make(robot={"driver": "grbl", "address": "socket://127.0.0.1:1"})).connect()
+        GrblRobot(
+            make_settings(robot={"driver": "grbl", "address": "socket://127.0.0.1:1"})
+        ).connect()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 import pytest
-from fake_station import FakeRobot
+from fake_station import FakeRobot, make_settings
 
 from tactibench import Scene, UserError
 from tactibench_tactip import (
@@ -30,12 +30,6 @@ from tactibench_tactip import (
 @pytest.fixture
 def mover(robot: FakeRobot, settings: Settings) -> Mover:
     return Mover(robot, settings, threading.Event())
-
-
-def test_a_move_ends_where_it_was_sent(mover: Mover, robot: FakeRobot) -> None:
-    mover.go((1.0, 2.0, -10.0, 0.0, 0.0, 30.0), 20.0)
-    assert mover.pose() == pytest.approx((1.0, 2.0, -10.0, 0.0, 0.0, 30.0), abs=1e-6)
-    assert len(robot.moves) == 1
 
 
 def test_a_target_outside_the_envelope_never_reaches_the_robot(
@@ -90,15 +84,8 @@ def test_a_tool_beside_its_line_is_stopped_also_without_a_guard(
     assert robot.stops == 1
 
 
-def test_a_guard_stops_a_descent(mover: Mover, robot: FakeRobot) -> None:
-    robot.busy = True
-    with pytest.raises(GuardError, match="enough"):
-        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0, lambda _: "enough")
-    assert robot.stops == 1
-
-
-def test_too_much_force_is_a_reason(robot: FakeRobot, make: Callable[..., Settings]) -> None:
-    mover = Mover(robot, make(envelope={"max_force_n": 5.0}), threading.Event())
+def test_too_much_force_is_a_reason(robot: FakeRobot) -> None:
+    mover = Mover(robot, make_settings(envelope={"max_force_n": 5.0}), threading.Event())
     robot.force = (0.0, 0.0, 2.0)
     guard = mover.force_guard()
     assert guard(mover.pose()) == ""
@@ -143,10 +130,10 @@ def test_the_tool_is_drawn_back_along_the_press(
     assert len(robot.moves) == count  # high enough already
 
 
-def test_a_robot_that_hangs_is_left_behind(robot: FakeRobot, make: Callable[..., Settings]) -> None:
+def test_a_robot_that_hangs_is_left_behind(robot: FakeRobot) -> None:
     event = threading.Event()
     robot.connect = lambda: event.wait(5.0)  # type: ignore[method-assign,assignment,return-value]
-    settings = make(robot={"connect_s": 0.02})
+    settings = make_settings(robot={"connect_s": 0.02})
     with pytest.raises(RobotError, match=r"did not answer within 0\.02 s"):
         RobotThread(robot, settings).__enter__()
     assert robot.closed

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fake_station import make_settings
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -158,8 +158,8 @@ def test_time_of_a_move_in_closed_form() -> None:
 
 
 @pytest.mark.long
-def test_deeper_than_the_sensor_is_not_drawn(make: Callable[..., Settings]) -> None:
-    shallow = make(sensor={"deepest_mm": 3.0})
+def test_deeper_than_the_sensor_is_not_drawn() -> None:
+    shallow = make_settings(sensor={"deepest_mm": 3.0})
     plan = plan_of("exp1", shallow, draws=("singles",), count=20)
     assert len(plan) == 20
     assert max(press.scene.pose.depth for press in plan.presses) <= 3.0

@@ -68,15 +68,6 @@ def test_a_held_press_ends_when_the_arm_stops(settings: Settings, robot: Looking
     assert time.monotonic() - begin < 10.0
 
 
-def test_force_ends_a_held_press(settings: Settings, robot: Looking) -> None:
-    with Station(settings) as station:
-        station.look_at_rest()
-        robot.stiffness = 20.0
-        with pytest.raises(GuardError, match="max_force_n"):
-            measure_settling(station, 3.0, 1.0)
-        assert robot.depth() == 0.0
-
-
 def test_force_ends_a_dry_run(settings: Settings, robot: Looking) -> None:
     """Somebody left a hand where the tool goes."""
     robot.fails = lambda n: setattr(robot, "force", (0.0, 0.0, 30.0 if n > 2 else 0.0))

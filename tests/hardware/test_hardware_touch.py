@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from fake_station import TRUE_Z0, FakeCapture, FakeRobot
+from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
 from hypothesis import given
 from hypothesis import settings as settings_of
 from hypothesis import strategies as st
@@ -50,7 +48,7 @@ def station(settings: Settings, robot: FakeRobot, camera: Camera) -> Station:
 
 
 def test_first_touch_is_found_and_taken_over(station: Station) -> None:
-    with camera_of(station), station:
+    with station.camera, station:
         touch = find_touch(station)
         assert touch.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
         assert station.geometry.z0 == touch.z0_mm
@@ -60,18 +58,18 @@ def test_first_touch_is_found_and_taken_over(station: Station) -> None:
 
 def test_nothing_there_is_said(station: Station, capture: FakeCapture, robot: FakeRobot) -> None:
     capture.robot = None
-    with camera_of(station), station:
+    with station.camera, station:
         with pytest.raises(RobotError, match=r"3\.0 mm before.*contact.travel_mm"):
             find_touch(station)
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
 
 
 def test_a_force_that_grows_with_the_steps_ends_a_search(
-    make: Callable[..., Settings], robot: FakeRobot, camera: Camera, capture: FakeCapture
+    robot: FakeRobot, camera: Camera, capture: FakeCapture
 ) -> None:
     """Two newtons a step, which alone are allowed, and nothing in the image."""
     capture.robot, robot.stiffness = None, 20.0
-    station = Station(make(envelope={"max_force_n": 5.0}), robot, camera)
+    station = Station(make_settings(envelope={"max_force_n": 5.0}), robot, camera)
     deepest: list[float] = []
     robot.fails = lambda _: deepest.append(robot.depth())
     with camera, station:
@@ -81,10 +79,8 @@ def test_a_force_that_grows_with_the_steps_ends_a_search(
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
 
 
-def test_force_is_asked_of_a_robot_that_measures_it(
-    make: Callable[..., Settings], robot: FakeRobot, camera: Camera
-) -> None:
-    settings = make(contact={"method": "force", "force_n": 1.0})
+def test_force_is_asked_of_a_robot_that_measures_it(robot: FakeRobot, camera: Camera) -> None:
+    settings = make_settings(contact={"method": "force", "force_n": 1.0})
     with camera, Station(settings, robot, camera) as station:
         with pytest.raises(UserError, match="measures none"):
             find_touch(station)
@@ -95,10 +91,8 @@ def test_force_is_asked_of_a_robot_that_measures_it(
     )  # half a newton a mm, one step late
 
 
-def test_a_fixed_place_moves_nothing(
-    make: Callable[..., Settings], robot: FakeRobot, camera: Camera
-) -> None:
-    settings = make(contact={"method": "fixed", "fixed_mm": 0.3})
+def test_a_fixed_place_moves_nothing(robot: FakeRobot, camera: Camera) -> None:
+    settings = make_settings(contact={"method": "fixed", "fixed_mm": 0.3})
     with camera, Station(settings, robot, camera) as station:
         before = len(robot.moves)
         assert find_touch(station).z0_mm == 0.3
@@ -130,8 +124,3 @@ def test_the_yaw_of_the_image(yaw: float, scale: float) -> None:
     found, std = fit_yaw(places, seen)
     assert (found - yaw + 180) % 360 - 180 == pytest.approx(0.0, abs=0.01)
     assert std < 0.01
-
-
-def camera_of(station: Station) -> Camera:
-    """A station opens only the camera that it made."""
-    return station.camera
