@@ -60,12 +60,11 @@ from tactibench.run import (
     HIDDEN,
     LIMIT,
     TestOptions,
-    count_groups,
     failures_record,
+    few_shot_truth,
     find_published,
     published_arrays,
     read_test_options,
-    repeat,
     resolve_test_sensor,
     score_arrays,
     truth_arrays,
@@ -391,9 +390,7 @@ def _truth(record: Record, frames: FrameSource, counts: tuple[int, ...], limits:
     clusters = [press for frame_set in sets for press in frame_set.clusters]
     if isinstance(frames, TransferFrames):
         _check_same_recording(record, frames)
-        groups = count_groups(len(truth), counts)
-        kind = frames.spec.answer
-        return truth_arrays(kind, repeat(truth, counts), repeat(clusters, counts), groups)
+        return few_shot_truth(frames.spec.answer, truth, clusters, counts)
     groups = [group for frame_set in sets for group in frame_set.groups]
     arrays = truth_arrays(frames.spec.answer, truth, clusters, groups)
     if frames.published:

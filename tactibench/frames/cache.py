@@ -219,14 +219,15 @@ def _wrong(frame_set: GeneratedFrameSet, made: str) -> UserError:
 
 def _rests_of(frames: Sequence[Frame]) -> Chunk:
     """Return the different rest signals of a chunk and the number of each frame's, -1 for none."""
-    by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
-    content = {key: rest.tobytes() for key, rest in by_array.items()}
-    different = {content[key]: rest for key, rest in by_array.items()}
-    numbers = {key: list(different).index(content[key]) for key in by_array}
-    return {
-        "rests": np.array(list(different.values()), dtype=frames[0].signal.dtype),
-        "rest_of": np.array([numbers.get(id(frame.rest), -1) for frame in frames], dtype=np.intp),
-    }
+    different: dict[bytes, Signal] = {}
+    rest_of = np.full(len(frames), -1, dtype=np.intp)
+    for row, frame in enumerate(frames):
+        if frame.rest is not None:
+            content = frame.rest.tobytes()
+            different.setdefault(content, frame.rest)
+            rest_of[row] = list(different).index(content)
+    rests = np.array(list(different.values()), dtype=frames[0].signal.dtype)
+    return {"rests": rests, "rest_of": rest_of}
 
 
 def _join_rests(chunks: Sequence[Chunk], rest: Signal) -> Chunk:

@@ -23,7 +23,7 @@ from tactibench.frames.faults import FAULTS
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, FrameSet, spread
 from tactibench.plugins import IMAGE, Sensor
-from tactibench.protocols import PATIENCE, Family, Workspace, case, untouched
+from tactibench.protocols import PATIENCE, Cases, Family, Workspace, case, untouched
 from tactibench.records import arrays_hash, combined, digest
 
 PART = 5
@@ -99,11 +99,15 @@ class HardCaseFrames(DrawnFrames):
         """Return 0: every case is made to fit the workspace."""
         return 0
 
+    @property
+    def _cases(self) -> Cases:
+        assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
+        return self.spec.cases
+
     @cached_property
     def _base(self) -> Family:
         """The family whose frames the faults are done to."""
-        assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
-        return self.spec.family(self.spec.cases.base)
+        return self.spec.family(self._cases.base)
 
     @cached_property
     def _rows(self) -> list[Row]:
@@ -114,8 +118,8 @@ class HardCaseFrames(DrawnFrames):
             for value in family.pressed_values
             for press in range(self._presses(family))
         ]
-        cases = self.spec.cases
-        if cases is None or cases.empty is None:
+        cases = self._cases
+        if cases.empty is None:
             return rows
         # Every frame has one fault, so that no two are of one press. Families take turns, and in
         # each its values.
@@ -131,8 +135,7 @@ class HardCaseFrames(DrawnFrames):
         return self.testing.pressed.workspace
 
     def _presses(self, family: Family) -> int:
-        assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
-        return family.presses or self.spec.cases.presses
+        return family.presses or self._cases.presses
 
     def _family_sets(self, family: Family, rows: Sequence[Row]) -> list[FrameSet]:
         if family.press is not None:
@@ -163,8 +166,7 @@ class HardCaseFrames(DrawnFrames):
         """Return frames of the base family, or those in which nothing presses, with a fault."""
         base = self._base
         if rows[0].untouched:
-            assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
-            base = self.spec.family(str(self.spec.cases.empty))
+            base = self.spec.family(str(self._cases.empty))
         count = self._presses(base)
         frames = self._pressed(base, [Row(base.name, base.values[0], k) for k in range(count)])
         return FaultyFrameSet(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -92,30 +92,29 @@ class Recording:
                 f"{protocol.id!r} needs; use --sensor recorded."
             )
         presses, split = sensor.presses(), sensor.split()
-        recording = cls(
-            sensor,
-            sensor_identity(component, sensor.describe()),
-            tuple(scenes),
-            tuple(scenes.values()),
-            tuple(presses.get(name, name) for name in scenes),
-            tuple(split.get(name, "") for name in scenes) if split else None,
-        )
-        return recording if protocol.answer != "plate" else recording._plates(protocol, folder)
+        identity = sensor_identity(component, sensor.describe())
 
-    def _plates(self, protocol: Protocol, folder: Path | None) -> Recording:
-        rows = [row for row, scene in enumerate(self.scenes) if scene.indenter.is_plate]
-        if not rows:
-            raise UserError(
-                f"{folder} holds {self.contents()}, but protocol {protocol.id!r} needs presses by "
-                "a plate; take another folder or another protocol."
+        def of(names: Iterable[str]) -> Recording:
+            """Return the recording with some of its frames."""
+            chosen = tuple(names)
+            return cls(
+                sensor,
+                identity,
+                chosen,
+                tuple(scenes[name] for name in chosen),
+                tuple(presses.get(name, name) for name in chosen),
+                tuple(split.get(name, "") for name in chosen) if split else None,
             )
-        return replace(
-            self,
-            names=tuple(self.names[row] for row in rows),
-            scenes=tuple(self.scenes[row] for row in rows),
-            presses=tuple(self.presses[row] for row in rows),
-            parts=None if self.parts is None else tuple(self.parts[row] for row in rows),
-        )
+
+        if protocol.answer != "plate":
+            return of(scenes)
+        plates = of(name for name, scene in scenes.items() if scene.indenter.is_plate)
+        if not plates.names:
+            raise UserError(
+                f"{folder} holds {of(scenes).contents()}, but protocol {protocol.id!r} needs "
+                "presses by a plate; take another folder or another protocol."
+            )
+        return plates
 
     def contents(self) -> str:
         """Return the presses in words, such as "12 presses by dual, 40 by single"."""

@@ -57,6 +57,7 @@ from .schema import RECORDED as RECORDED
 from .schema import UNTOUCHED as UNTOUCHED
 from .schema import ApartTest as ApartTest
 from .schema import Axis as Axis
+from .schema import Cases as Cases
 from .schema import Draw as Draw
 from .schema import Family as Family
 from .schema import Fault as Fault

@@ -53,10 +53,9 @@ from .score import trials_of as trials_of
 from .score import unpack_published as unpack_published
 from .special_evaluations import FAILURE_COLUMNS as FAILURE_COLUMNS
 from .special_evaluations import LONGEST_CAUSE as LONGEST_CAUSE
-from .special_evaluations import count_groups as count_groups
 from .special_evaluations import failures_record as failures_record
+from .special_evaluations import few_shot_truth as few_shot_truth
 from .special_evaluations import predict_or_fail as predict_or_fail
-from .special_evaluations import repeat as repeat
 from .timing import BATCHES as BATCHES
 from .timing import BUDGET_S as BUDGET_S
 from .timing import CALLS as CALLS

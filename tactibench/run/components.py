@@ -12,7 +12,6 @@ from tactibench.plugins import (
     Encoder,
     EncoderSpec,
     Model,
-    ModelContext,
     ModelSpec,
     PluginHost,
     SensorSpec,
@@ -64,11 +63,6 @@ class Components:
     def build_encoder(self) -> Encoder | None:
         """Build the encoder and return it; None where the model uses none."""
         return None if self.encoder is None else self.encoder.build()
-
-    def build_model(self, context: ModelContext) -> Model:
-        """Build the model, not trained, and return it."""
-        model: Model = self.model.build(context)
-        return model
 
     @property
     def adapts(self) -> bool:

@@ -86,9 +86,7 @@ class RunPlan:
         return {
             "protocol": f"{self.protocol.label} {self.protocol.hash}",
             "weights": digest(self.weights.identity),
-            "encoder": None
-            if encoder is None
-            else {"name": encoder.name, "parameters": dict(encoder.values)},
+            "encoder": encoder and encoder.component.identity,
             "sensor": frames.sensor_identity,
             **{name: value for name, value in optional.items() if value},
             "test_frames": [frame_set.key for frame_set in frames.test],

@@ -13,7 +13,7 @@ other protocol the run stops at such a frame with an error.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +36,6 @@ from tactibench.run.predict import (
 from tactibench.run.reporter import Reporter, open_frames
 from tactibench.run.timing import Speed
 
-Row = TypeVar("Row")
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
 """Arrays of failures, see ``predict_or_fail``: kind of type, and shape of a row."""
 LONGEST_CAUSE = 200
@@ -119,13 +118,7 @@ class FewShotEvaluation(Evaluation):
 
     def truth(self) -> Arrays:
         """Return the true answers once for each number of labelled frames."""
-        test, counts = self.test, self.counts
-        return truth_arrays(
-            self.kind,
-            repeat(test.truth, counts),
-            repeat(test.clusters, counts),
-            count_groups(len(test.frames), counts),
-        )
+        return few_shot_truth(self.kind, self.test.truth, self.test.clusters, self.counts)
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
         """Return the frames of the tested sensor that the model was shown, and its choices."""
@@ -144,14 +137,22 @@ def _tested_sensor(counts: list[int], adapted: list[dict[str, Any]], **more: Any
     return {"of_tested_sensor": {**seen, **more, "adapted": adapted}}
 
 
-def repeat(rows: Sequence[Row], counts: Sequence[int]) -> list[Row]:
-    """Return the rows of all test frames, once for each number of labelled frames."""
-    return list(rows) * len(counts)
+def few_shot_truth(
+    kind: str, answers: Sequence[Answer], clusters: Sequence[str], counts: Sequence[int]
+) -> Arrays:
+    """Return ``truth_arrays`` of all test frames once for each number of labelled frames.
 
+    The number is the group of the frames.
 
-def count_groups(frames: int, counts: Sequence[int]) -> list[str]:
-    """Return the group of every answer: the number of labelled frames before it."""
-    return [str(count) for count in counts for _ in range(frames)]
+    Args:
+        kind: "contacts" or "plate".
+        answers: True answer to every test frame.
+        clusters: Press that every test frame belongs to.
+        counts: Numbers of labelled frames.
+    """
+    groups = [str(count) for count in counts for _ in answers]
+    times = len(counts)
+    return truth_arrays(kind, [*answers] * times, [*clusters] * times, groups)
 
 
 class HardCaseEvaluation(Evaluation):

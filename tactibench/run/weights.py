@@ -107,9 +107,8 @@ def plan_weights(
         "model": model.name,
         "parameters": dict(model.values),
         "code": _training_code(model),
-        "encoder": None
-        if encoder is None
-        else {
+        "encoder": encoder
+        and {
             "name": encoder.name,
             "parameters": components.training_values,
             "code": encoder.code(),
@@ -154,7 +153,8 @@ def train_model(
     """
     if fresh:
         plan.remove_cached()
-    model, entry = plan.components.build_model(plan.context()), plan.weights
+    model: Model = plan.components.model.build(plan.context())
+    entry = plan.weights
     with reporter.training() as progress, entry.locked():
         manifest = entry.read()
         reused = manifest is not None

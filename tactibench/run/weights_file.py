@@ -128,9 +128,8 @@ def export_weights(
     values = {
         "schema": "tactibench-weights/2",
         "made_with": __version__,
-        "model": {"name": components.model.name, "parameters": dict(components.model.values)},
-        "encoder": components.encoder
-        and {"name": components.encoder.name, "parameters": dict(components.encoder.values)},
+        "model": components.model.component.identity,
+        "encoder": components.encoder and components.encoder.component.identity,
         "context": {
             "answer": context.answer,
             "cells": context.grid.shape,

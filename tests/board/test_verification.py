@@ -59,7 +59,7 @@ PACKED = "does not hold answers as tactibench packs them"
 def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], LoadedProtocol]:
     """exp1, exp2 and exp3 with few presses, in place of those that ship."""
     files = few_presses(tmp_path / "protocols", prefix="")
-    monkeypatch.setattr(loader, "protocol_files", lambda: files)
+    monkeypatch.setattr(loader, "shipped_files", lambda: files)
     return lambda name: read_protocol(files[name])
 
 
