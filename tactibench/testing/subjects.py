@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, floor
 from pathlib import Path
@@ -635,7 +635,7 @@ class EncoderSubject:
     title: str
     spec: EncoderSpec
     values: Mapping[str, Value]
-    grid: Grid = field(default_factory=lambda: Grid.centred(64, 0.4))
+    grid: Grid
     noise_cells: float = 1.0
 
     def build(self, values: Mapping[str, Value]) -> Encoder:
