@@ -11,7 +11,7 @@ import re
 import time
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tactibench import UserError
@@ -88,6 +88,7 @@ class GrblLink:
     Attributes:
         alarm: Number of the latest alarm, 0: none.
         banner: Line that the controller sends when it starts.
+        last: The last status report; its state is Alarm as soon as an alarm was sent.
     """
 
     def __init__(self, address: str) -> None:
@@ -104,7 +105,8 @@ class GrblLink:
         except ImportError:
             raise missing_package("pyserial", "serial") from None
         self._errors: tuple[type[Exception], ...] = (serial.SerialException, OSError)
-        self._offset = self._position = (0.0, 0.0, 0.0)
+        self._offset = (0.0, 0.0, 0.0)
+        self.last = Status("", (0.0, 0.0, 0.0))
         self.alarm = 0
         self.banner = ""
         self._rest = b""
@@ -184,20 +186,17 @@ class GrblLink:
         """
         self.drain()
         if self.alarm in CRITICAL:
-            return Status("Alarm", self._position)
-        end = time.monotonic() + wait_s
+            return self.last
+        before, end = self.last, time.monotonic() + wait_s
         while time.monotonic() < end:
             self._write(b"?")
             sent = time.monotonic()
             while time.monotonic() < min(end, sent + STATUS_S):
                 while (line := self._next_line()) is not None:
-                    status = self.parse_status(line)
-                    if status is not None:
-                        self._position = status.position
-                        return status
                     self._note(line)
-                    if self.alarm:  # after a critical alarm GRBL answers no more
-                        return Status("Alarm", self._position)
+                    # After a critical alarm GRBL answers no more.
+                    if self.last is not before or self.alarm:
+                        return self.last
                 time.sleep(PAUSE_S)
         raise NoAnswerError(f"GRBL gave no status within {wait_s:g} s; look at the stage.")
 
@@ -247,9 +246,13 @@ class GrblLink:
         return None if position is None else Status(state.partition(":")[0], position)
 
     def _note(self, line: str) -> None:
-        if line.startswith("ALARM:"):
+        status = self.parse_status(line)
+        if status is not None:
+            self.last = status
+        elif line.startswith("ALARM:"):
             numbers = _NUMBERS.findall(line)
             self.alarm = int(numbers[0]) if numbers else -1
+            self.last = replace(self.last, state="Alarm")
         elif line.startswith("Grbl"):
             self.banner = line
 
@@ -309,7 +312,6 @@ class GrblRobot(Robot):
         self._open_link: GrblLink | None = None
         self._settings: dict[str, float] = {}
         self._version = ""
-        self._last = Status("", (0.0, 0.0, 0.0))
         self._polled_at = 0.0
         self._moving = self._homing = False
         self.at_switches = False
@@ -435,9 +437,9 @@ class GrblRobot(Robot):
     def _status(self) -> Status:
         """Return the last report, or a new one where that is older than POLL_S."""
         if time.monotonic() - self._polled_at > POLL_S:
-            self._last = self._link.status()
+            self._link.status()
             self._polled_at = time.monotonic()
-        return self._last
+        return self._link.last
 
     def _check_settings(self) -> None:
         settings = self._settings
