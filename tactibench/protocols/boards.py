@@ -204,7 +204,6 @@ class _Common(_Frozen):
     blocks: dict[str, Block]
 
 
-@cache
 def board_spec(protocol: str) -> BoardSpec:
     """Return what the board of a protocol shows; an empty spec where it has no board file.
 
@@ -219,6 +218,7 @@ def board_spec(protocol: str) -> BoardSpec:
     return BoardSpec() if path is None else read_board_spec(path)
 
 
+@cache
 def read_board_spec(protocol_file: Path) -> BoardSpec:
     """Read the board file beside a protocol file, with the common tables that it names.
 
