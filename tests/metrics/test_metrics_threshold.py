@@ -179,7 +179,7 @@ def test_frames_of_one_press_do_not_make_a_misfit():
     assert together.goodness.p > 0.01
 
 
-@pytest.mark.long  # hundreds of fits
+@pytest.mark.slow  # hundreds of fits
 def test_p_is_uniform_where_the_curve_is_true():
     rng = np.random.default_rng(5)
     curve, _ = lapsing(9.0, 3.0, 0.0)  # steep: most distances add nothing to the deviance
