@@ -15,6 +15,7 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ from tactibench.records import (
     write_arrays,
 )
 from tactibench.run import FAILURE_COLUMNS as FAILURES
-from tactibench.run import protocol_of, trials_of
+from tactibench.run import LONGEST_CAUSE, protocol_of, trials_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -55,6 +56,8 @@ LISTS = ("metrics", "speed")
 """Lists of a record that are written one row a line, so that a diff can be read."""
 LARGEST_RECORD = 2**20
 """Most bytes of a record; the largest committed one has 25 kB."""
+NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
+"""Form of the name of a run, model, encoder or sensor, which is part of file names and pages."""
 LONGEST = 1000
 """Most characters of a text in a record; the longest in committed records has 188."""
 RANKED = "ranked."
@@ -65,6 +68,13 @@ LARGEST_PACKED = 8 * 2**20
 MOST_ARRAYS = 16
 """Most arrays of a file. One holds five of answers, three of failures, and for each of three tests
 two to rank by."""
+MOST_CONTACTS = 64
+"""Most contacts in a frame; no protocol presses more than five, and the work of matching grows with
+their cube."""
+FARTHEST = 1e6
+"""Largest value of an answer, mm (a kilometre) or deg: larger ones would overflow when squared."""
+SMALLEST_STD = 1e-9
+"""Smallest standard deviation, mm or deg; an error is divided by it and squared."""
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Packings that are read. Others may need gigabytes of memory before they unpack a byte."""
 
@@ -231,20 +241,28 @@ def refuse_partial(record: Record, where: str) -> None:
 
 
 def refuse_names(record: Record, where: str) -> None:
-    """Raise UserError for a path in a name or parameter, and for markup or control characters.
+    """Raise UserError for names and texts that a file name or a page cannot hold as they are.
 
     Args:
         record: A record that is valid otherwise (see ``parse_record``).
         where: Name of the record in messages.
     """
     names = [record.name, record.regime, record.protocol.id]
+    values: list[Any] = []
     for part in (record.model, record.encoder, record.sensor, record.test_sensor):
         if part is not None:
-            names += [part.name, *(v for v in part.parameters.values() if isinstance(v, str))]
+            names.append(part.name)
+            values += part.parameters.values()
     for name in names:
-        if re.search(r"[/\\]", name):
+        if not NAME.fullmatch(name):
             raise UserError(
-                f"{where} names {name[:80]!r}; a committed run must not depend on a path."
+                f"{where} holds the name {name[:80]!r}; a name has letters, digits, '.', '_' and "
+                "'-' only, at most 160, so that it is neither markup nor a path."
+            )
+    for value in values:
+        if isinstance(value, str) and re.search(r"[/\\]", value):
+            raise UserError(
+                f"{where} names {value[:80]!r}; a committed run must not depend on a path."
             )
     for text in _texts(record.json_values()):
         if len(text) > LONGEST or not text.isprintable() or re.search(r"<\S", text):
@@ -430,7 +448,17 @@ def read_answers_file(path: Path, begin: str = "") -> Arrays:
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    """Return an array whose header tells no other size than the directory of the archive.
+
+    Raises:
+        Exception: The data are damaged; any error of zip, zlib and the parsers.
+    """
     with archive.open(member) as stream:
+        np.lib.format.read_magic(stream)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        if stream.tell() + prod(shape) * dtype.itemsize != member.file_size:
+            raise ValueError("an array of another size than its header tells")
+        stream.seek(0)
         array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
     return array
 
@@ -448,6 +476,12 @@ def check_answers(
         guarded: Whether the frames on which the model failed are listed beside the answers (see
             ``Failures``).
     """
+    if not _are_bounded(answers):
+        raise UserError(
+            f"{where} holds more than {MOST_CONTACTS} contacts in a frame, a value beyond "
+            f"{FARTHEST:g} mm or deg, or a standard deviation below {SMALLEST_STD:g}; a frame "
+            "without contacts is answered with none."
+        )
     try:
         unpacked = (unpack_plates if kind == "plate" else unpack_contacts)(answers)
         again = pack(unpacked, kind)
@@ -456,6 +490,7 @@ def check_answers(
             np.array_equal(answers[name], array, equal_nan=array.dtype.kind == "f")
             for name, array in again.items()
         )
+        good = good and (not guarded or _are_failures(answers, len(unpacked)))
     except Exception:  # noqa: BLE001 - what contacts and numpy raise for arrays of anything
         good = False
     if not good:
@@ -468,3 +503,27 @@ def check_answers(
             f"{where} answers {len(unpacked):,} frames, but the protocol tests {frames:,}; every "
             "test frame needs one answer."
         )
+
+
+def _are_bounded(answers: Arrays) -> bool:
+    """Return whether contacts can be made of the arrays, and metrics of these, at bounded cost."""
+    counts = answers.get("count", np.zeros(0))
+    if counts.dtype.kind in "if" and (counts > MOST_CONTACTS).any():
+        return False
+    for name, array in answers.items():
+        if array.dtype.kind == "f":
+            low = SMALLEST_STD if name.endswith("std") else -FARTHEST
+            if ((array < low) | (array > FARTHEST)).any():  # NaN: a deviation that is not stated
+                return False
+    return True
+
+
+def _are_failures(answers: Arrays, frames: int) -> bool:
+    """Return whether failures are rising frames without contacts, each with a printable cause."""
+    rows, causes = answers["failed"], answers["cause"].tolist()
+    return (
+        len({len(answers[name]) for name in FAILURES}) == 1
+        and bool((np.diff(rows, prepend=-1) > 0).all() and (rows < frames).all())
+        and not answers["count"][rows].any()
+        and all(len(cause) <= LONGEST_CAUSE and cause.isprintable() for cause in causes)
+    )

@@ -43,6 +43,8 @@ frame without a contact proves nothing about answers."""
 _PART = r"[A-Za-z0-9_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)*"
 FileName = Annotated[str, StringConstraints(pattern=rf"^{_PART}(/{_PART})*$", max_length=200)]
 """A relative path that never leads upwards."""
+Cells = Annotated[int, Field(ge=1, le=1024)]
+Positive = Annotated[float, Field(gt=0)]
 
 
 class _Strict(BaseModel):
@@ -66,10 +68,10 @@ class BuildContext(_Strict):
     """The context in which a model is made (`ModelContext`)."""
 
     answer: Literal["contacts", "plate"]
-    cells: tuple[int, int]
+    cells: tuple[Cells, Cells]
     origin_mm: tuple[float, float]
-    pitch_mm: float
-    max_depth_mm: float
+    pitch_mm: Positive
+    max_depth_mm: Positive
     transfers: bool
 
 
@@ -195,7 +197,10 @@ def open_weights(path: Path, *, device: str = "auto") -> tuple[Model, str]:
         folder = Path(place)
         with _refused(str(path)), zipfile.ZipFile(path) as archive:
             for name, sha256 in description.files.items():
-                content = archive.read(FOLDER + name)
+                entry = archive.getinfo(FOLDER + name)
+                if entry.compress_type != zipfile.ZIP_STORED:  # a small file may fill the disk
+                    raise ValueError("its files are compressed, which export never does")
+                content = archive.read(entry)
                 if hashlib.sha256(content).hexdigest() != sha256:
                     raise ValueError(f"the sha256 of {name} does not fit")
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)

@@ -206,8 +206,10 @@ def stranger(record: dict[str, Any]) -> None:
     [
         (
             lambda r: r["model"].update(name="<b>best"),
-            "holds the text '<b>best', which is .* markup",
+            "holds the name '<b>best'; a name has letters",
         ),
+        (lambda r: r["model"].update(name="best | 0.001"), "holds the name 'best . 0.001'"),
+        (lambda r: r["training"]["notes"].update(a="<b>best"), "'<b>best', which is .* markup"),
         (
             lambda r: r["environment"].update(cpu="\x1b[2Jgone"),
             r"holds the text .*gone., which is too long or not printable",
@@ -257,6 +259,9 @@ def test_a_record_that_does_not_hold(submitted, source, change, words) -> None:
             "answers 19 frames, but the protocol tests 20",
         ),
         (lambda a: {"count": a["count"] * 2}, PACKED),
+        (lambda a: {"count": a["count"] * 65}, "more than 64 contacts in a frame"),
+        (lambda a: {"depth": a["depth"] + 1e7}, r"a value beyond 1e\+06 mm"),
+        (lambda a: {"std": np.full_like(a["std"], 1e-12)}, "a standard deviation below 1e-09"),
         (lambda a: {"count": -a["count"]}, PACKED),
         (lambda a: {"xy": a["xy"][:, :1]}, PACKED),
         (lambda _: {"more": np.zeros(3)}, PACKED),
@@ -282,15 +287,19 @@ def test_missing_and_damaged_files(submitted, source, tmp_path) -> None:
         verify(tmp_path / "nothing.json", source)
 
 
-def test_ten_million_rows_are_refused_unread(submitted, source) -> None:
-    rows = 10**7
+@pytest.mark.parametrize("rows", [10**7, 10**15])
+def test_ten_million_rows_are_refused_unread(submitted, source, rows) -> None:
+    """Both a true array and a header that only claims its size."""
     path = submitted()
     header = io.BytesIO()
     fields = {"descr": "<f8", "fortran_order": False, "shape": (rows,)}
     np.lib.format.write_array_header_1_0(header, fields)
+    body = bytes(8 * rows) if rows == 10**7 else b""
     with zipfile.ZipFile(answers_file(path), "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("depth.npy", header.getvalue() + bytes(8 * rows))
-    with pytest.raises(UserError, match="67,108,864 bytes that answers may take"):
+        archive.writestr("depth.npy", header.getvalue() + body)
+    with pytest.raises(
+        UserError, match=r"67,108,864 bytes that answers may take|is no archive of arrays"
+    ):
         verify(path, source)
 
 

@@ -69,11 +69,11 @@ def exported(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def changed(exported: Path, tmp_path: Path) -> Callable[..., Path]:
     """A function of the entries -> a file with the entries that it returns."""
 
-    def write(change: Callable[[Entries], Entries]) -> Path:
+    def write(change: Callable[[Entries], Entries], kind: int = zipfile.ZIP_STORED) -> Path:
         with zipfile.ZipFile(exported) as archive:
             entries = {name: archive.read(name) for name in archive.namelist()}
         path = tmp_path / "changed.zip"
-        with zipfile.ZipFile(path, "w") as archive:
+        with zipfile.ZipFile(path, "w", kind) as archive:
             for name, content in change(entries).items():
                 archive.writestr(name, content)
         return path
@@ -148,6 +148,17 @@ HOSTILE: dict[str, Callable[[Entries], Entries]] = {
     "another schema": described(schema="tactibench-weights/9"),
     "a missing key": described(context=None),
     "up": described(files={"../x": "0" * 64}),
+    "absolute": described(files={"/etc/x": "0" * 64}),
+    "a huge grid": described(
+        context={
+            "answer": "contacts",
+            "cells": [10**9, 10**9],
+            "origin_mm": [0, 0],
+            "pitch_mm": 1,
+            "max_depth_mm": 1,
+            "transfers": False,
+        }
+    ),
 }
 
 
@@ -159,6 +170,11 @@ def test_what_does_not_match_is_refused_in_a_sentence(changed: Any, how: str) ->
     with pytest.raises(UserError, match="holds no usable weights: ") as error:
         open_weights(path)
     assert len(str(error.value)) < 500
+
+
+def test_a_compressed_file_is_no_bomb(changed: Any) -> None:
+    with pytest.raises(UserError, match="are compressed"):
+        open_weights(changed(lambda entries: entries, zipfile.ZIP_DEFLATED))
 
 
 def test_a_model_that_is_not_installed_is_named(changed: Any) -> None:
