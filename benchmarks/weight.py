@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (800, 11),
     "tactibench/board": (2003, 11),
     "tactibench/cli": (2105, 12),
-    "tactibench/datasets": (3316, 17),
+    "tactibench/datasets": (3352, 17),
     "tactibench/frames": (1801, 11),
     "tactibench/live": (409, 4),
     "tactibench/markers": (1743, 8),

@@ -159,7 +159,14 @@ def _schema(rows: Sequence[dict[str, Any]], *, images: bool) -> pa.Schema:
     if images:
         signal = pa.field("image", pa.struct({"bytes": pa.binary(), "path": pa.string()}))
     names = dict.fromkeys(name for row in rows for name in row)
-    fields = [signal, *(pa.field(n, pa.array([row.get(n) for row in rows]).type) for n in names)]
+    contacts = {  # the same where no press touches, so that all lists are empty
+        "contacts_xy_mm": pa.list_(pa.list_(pa.float64())),
+        "contacts_depth_mm": pa.list_(pa.float64()),
+    }
+    types = {
+        name: contacts.get(name) or pa.array([row.get(name) for row in rows]).type for name in names
+    }
+    fields = [signal, *(pa.field(name, kind) for name, kind in types.items())]
     features = {
         field.name: {"_type": "Image"} if field.name == "image" else _feature(field.type)
         for field in fields

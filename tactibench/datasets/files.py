@@ -273,7 +273,7 @@ _SPLIT_FILE = TypeAdapter(Split)
 
 
 def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]) -> None:
-    """Write splits/NAME.json. Call it after how it divides, such as "by-press".
+    """Write splits/NAME.json. Name the split after how it divides, such as "by-press".
 
     Hugging Face loads a file with "train", "test" or the like in its name alone.
 

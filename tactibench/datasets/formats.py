@@ -21,12 +21,19 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.datasets.labels import (
+    CONTACT_COLUMNS,
     choose_indenter,
     role_columns,
     scenes_of,
     tip_columns,
 )
-from tactibench.datasets.options import AUTO, FRAME_FOLDERS, NONE, REFUSE, ImportOptions
+from tactibench.datasets.options import (
+    AUTO,
+    FRAME_FOLDERS,
+    NONE,
+    REFUSE,
+    ImportOptions,
+)
 from tactibench.datasets.recording import FloatArray, Recording, prepare_frames
 from tactibench.datasets.schema import is_dataset
 from tactibench.datasets.tables import Table, read_table
@@ -58,14 +65,18 @@ def recording_folder(folder: Path) -> Path:
     """Return the folder, or the one directly in it that alone is a Bristol recording.
 
     Raises:
-        UserError: This is no folder.
+        UserError: This is no folder, or it cannot be listed.
     """
     if not folder.is_dir():
         what = "is a file; give the folder that holds it" if folder.exists() else "does not exist"
         raise UserError(f"{folder} {what}.")
+    try:
+        below = list(folder.iterdir())
+    except OSError as error:
+        raise UserError(f"{folder} cannot be listed: {error.strerror}.") from None
     if is_dataset(folder) or any(folder.glob("*.csv")):
         return folder
-    inner = [child for child in folder.iterdir() if child.is_dir() and find_targets(child)]
+    inner = [child for child in below if child.is_dir() and find_targets(child)]
     return inner[0] if len(inner) == 1 else folder
 
 
@@ -89,15 +100,23 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
     column = table.column(options.column) if options.column else table.column(*NAMES)
     bristol = path.name in TARGETS and column in NAME_COLUMNS
     names = frame_names(path, table.cells[column])
-    files = _find_frames(folder, path, names, options)
+    places = _places(folder, options, bristol=bristol)
+    frames = next((place for place in places if (place / names[0]).is_file()), places[0])
+    files = _find_frames(path, names, places, options)
     rows = [row for row, file in enumerate(files) if file is not None]
     paths = tuple(file for file in files if file is not None)
-    frames = paths[0].parent
-    rest = _find_rest((frames, folder), set(paths))
+    rest = _find_rest(frames, set(paths))
     columns = [name for name in table.columns if _LABEL.fullmatch(name)] if bristol else None
     facts = read_labels(table, names, rows, options, name=column, columns=columns)
     kind, sha256 = check_frames(data, paths, rest)
     about, notes = _read_about(folder)
+    there = [name for name in CONTACT_COLUMNS if name in table.columns]
+    lacking = [name for name in CONTACT_COLUMNS if name not in facts["labels"]]
+    if there and lacking and options.indenter == AUTO:
+        notes.append(
+            f"{path.name} has {', '.join(there)}, but its labels are no contacts: "
+            f"{', '.join(lacking)} is missing or holds no numbers."
+        )
     if left_out := len(names) - len(rows):
         notes.append(f"rows of {path.name} left out, no file: {left_out:,}.")
     recording = Recording(
@@ -176,39 +195,40 @@ def frame_names(path: Path, cells: Iterable[str]) -> tuple[str, ...]:
     return tuple(row_of)
 
 
+def _places(folder: Path, options: ImportOptions, *, bristol: bool) -> tuple[Path, ...]:
+    """Return the folders in which frames are looked for, in order."""
+    if options.frames != AUTO:
+        if not (folder / options.frames).is_dir():
+            raise UserError(
+                f"{folder / options.frames} is no folder; name that of frames with --param frames."
+            )
+        return (folder / options.frames,)
+    if bristol:  # older tables name frames from the folder above theirs
+        usual = (folder / name for name in FRAME_FOLDERS if (folder / name).is_dir())
+        return (next(usual, folder), folder)
+    return frame_places(folder)
+
+
 def _find_frames(
-    folder: Path, table: Path, names: Sequence[str], options: ImportOptions
+    table: Path, names: Sequence[str], places: Sequence[Path], options: ImportOptions
 ) -> list[Path | None]:
     """Return the file of every name; None for a missing one where the options skip its row."""
-    places = frame_places(folder)
-    if options.frames != AUTO:
-        places = (folder / options.frames, folder)
-        if not places[0].is_dir():
-            raise UserError(f"{places[0]} is no folder; name that of frames with --param frames.")
     paths = [
         next((place / name for place in places if (place / name).is_file()), None) for name in names
     ]
     absent = [name for name, path in zip(names, paths, strict=True) if path is None]
     if absent and (options.missing == REFUSE or len(absent) == len(names)):
-        where = ", ".join(place.name for place in places)
+        more = f" (and {len(absent) - 1:,} more)" if len(absent) > 1 else ""
         raise UserError(
-            f"{table} names {len(absent)} frames without a file, first {absent[0]} (looked for in "
-            f"{where}); add the files or remove their rows."
+            f"{table} names the frame {absent[0]}{more}, which is not in {places[0]}; add the "
+            "files or remove their rows."
         )
     return paths
 
 
-def _find_rest(folders: Iterable[Path], listed: set[Path]) -> Path | None:
+def _find_rest(folder: Path, listed: set[Path]) -> Path | None:
     """Return init_0.png, another *init*.png, or the image_0.png of newer recordings."""
-    paths = [
-        path
-        for folder in folders
-        for path in (
-            folder / "init_0.png",
-            *sorted(folder.glob("*init*.png")),
-            folder / "image_0.png",
-        )
-    ]
+    paths = [folder / "init_0.png", *sorted(folder.glob("*init*.png")), folder / "image_0.png"]
     return next((path for path in paths if path not in listed and path.is_file()), None)
 
 

@@ -171,19 +171,22 @@ def role_columns(
     """
     if indenter == NONE:
         return {}
-    plate = indenter == PLATE
-    depth = options.depth
-    if depth == AUTO:
-        depth = "pose_2" if plate else "depth_mm"
-    wanted = {"depth": depth, "tilt": "pose_6" if options.tilt == AUTO else options.tilt}
-    if not plate:
-        wanted = tip_roles(replace(options, depth=depth), indenter)
+    columns = tuple(labels)
+    if indenter != PLATE:
+        depth = "depth_mm" if options.depth == AUTO else options.depth
+        return {
+            role: ",".join(
+                name if is_number(name) else _find_column(name, columns, table)
+                for name in texts(text)
+            )
+            for role, text in tip_roles(replace(options, depth=depth), indenter).items()
+        }
+    depth = "pose_2" if options.depth == AUTO else options.depth
+    tilt = "pose_6" if options.tilt == AUTO else options.tilt
     roles = {
-        role: ",".join(_find_column(name, tuple(labels), table) for name in texts(text))
-        for role, text in wanted.items()
+        "depth": _find_column(depth, columns, table),
+        "tilt": _find_column(tilt, columns, table),
     }
-    if not plate:
-        return roles
     lengths = [name for name in (*NUMBERED[:3], *LETTERED[:3]) if name in labels]
     changing = [name for name in lengths if np.ptp(labels[name]) > 0]
     depth = roles["depth"].removeprefix("-")
@@ -196,9 +199,7 @@ def role_columns(
 
 
 def _find_column(column: str, columns: Sequence[str], table: Path) -> str:
-    """Return a column as the table names it; a number stays."""
-    if is_number(column):
-        return column
+    """Return a column as the table names it."""
     sign = "-" if column.startswith("-") else ""
     names = [column.removeprefix("-")]
     names += [ALIAS[name] for name in names if name in ALIAS]
@@ -222,12 +223,11 @@ def texts(text: str) -> list[str]:
 
 
 def is_number(text: str) -> bool:
-    """Return whether a text is a number for all rows, in place of a column."""
+    """Return whether a text is a finite number for all rows, in place of a column."""
     try:
-        float(text)
+        return math.isfinite(float(text))
     except ValueError:
         return False
-    return True
 
 
 def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
@@ -237,14 +237,14 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
         UserError: A pair or a triangle has no spacing, or lists of columns have wrong lengths.
     """
     roles = {"x": options.x, "y": options.y, "depth": options.depth}
-    if indenter == TIPS:
-        lengths = {role: len(texts(text)) for role, text in roles.items()}
-        if len(set(lengths.values())) > 1:
-            counts = ", ".join(f"{count} for {role}" for role, count in lengths.items())
-            raise UserError(
-                f"indenter=tips needs as many columns of x as of y and depth, but got {counts}; "
-                "name one of each for every contact, separated by commas."
-            )
+    lengths = {role: len(texts(text)) for role, text in roles.items()}
+    if set(lengths.values()) != {1} and (indenter != TIPS or len(set(lengths.values())) > 1):
+        counts = ", ".join(f"{count} for {role}" for role, count in lengths.items())
+        needs = "as many columns of x as of y and depth" if indenter == TIPS else "one column each"
+        raise UserError(
+            f"indenter={indenter} needs {needs}, but got {counts}; name several, separated by "
+            "commas, with indenter=tips alone."
+        )
     if indenter in (DUAL, TRIPLE):
         if not options.spacing:
             raise UserError(
@@ -266,7 +266,7 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
 def tip_columns(options: ImportOptions, indenter: str) -> tuple[set[str], set[str]]:
     """Return the columns of the roles of tips, and those of them that may have empty cells.
 
-    A cell is empty where fewer tips pressed. Other indenters than tips have no such columns.
+    A cell is empty where fewer tips pressed. Plates have no such columns.
     """
     if indenter not in (*TIP_COUNT, TIPS):
         return set(), set()

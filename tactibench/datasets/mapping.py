@@ -94,7 +94,11 @@ def read_mapping(path: Path, params: Sequence[str] = ()) -> ImportOptions:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise UserError(f'{path} is no TOML file: {error}; write lines such as x = "cx".') from None
     first = {text.partition("=")[0] for text in params}
-    mine = [f"{name}={value}" for name, value in given.items() if name not in first]
+    mine = [
+        f"{name}={','.join(map(str, value)) if isinstance(value, list) else value}"
+        for name, value in given.items()
+        if name not in first
+    ]
     try:
         return read_options([*mine, *params])
     except UserError as error:
@@ -164,6 +168,9 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
         if columns["yaw"]:
             options["yaw"] = columns["yaw"][0]
             remarks["yaw"] = "0: the pair lies along x"
+        heights = [n for n in numeric if {"height", "h"} & {*_words(n)} and re.search(r"\d", n)]
+        if len(heights) == 2:
+            options["heights"] = ",".join(heights)
     press = _columns_of("press", [n for n in table.columns if n != column])
     if press and len(set(table.cells[press[0]])) >= _FEWEST_PRESSES:
         options["press"] = press[0]

@@ -317,4 +317,9 @@ def _difference(key: str, before: Any, now: Any) -> str:
         name = f"{key}." if key else ""
         texts = (_difference(f"{name}{k}", before.get(k), now.get(k)) for k in {**before, **now})
         return next(filter(None, texts))
-    return f"{key} {json.dumps(before):.60}, now it is {json.dumps(now):.60}"
+    return f"{key} {_shorten(before)}, now it is {_shorten(now)}"
+
+
+def _shorten(value: Any, most: int = 60) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= most else f"{text[:most]}..."

@@ -20,6 +20,7 @@ from tactibench.errors import UserError
 FloatArray = npt.NDArray[np.float64]
 
 _SEPARATORS = ",;\t"
+_COMMAS = " (decimal commas need columns separated by ';', and no points)."
 _NUMBER = r"[ \t\xa0]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t\xa0]*"
 _COMMA_NUMBER = r"[ \t\xa0]*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?[ \t\xa0]*"
 _POINT_NUMBER = r"[ \t\xa0]*[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?[ \t\xa0]*"
@@ -86,7 +87,7 @@ class Table:
             raise UserError(
                 f"{self.path} row {bad[0] + 1}: {column} is {cells.iloc[bad[0]]!r}, but it must be "
                 f"a finite number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); fix or "
-                "remove them (decimal commas need columns separated by ';', and no points)."
+                f"remove them{_COMMAS if ',' in cells.iloc[bad[0]] else '.'}"
             )
         return numbers
 
@@ -117,10 +118,11 @@ def read_table(path: Path, data: bytes) -> Table:
         rows = pd.read_csv(
             io.StringIO(text), sep=separator, header=None, dtype=str, keep_default_na=False
         ).fillna("")
-    except (UnicodeDecodeError, pd.errors.EmptyDataError, pd.errors.ParserError) as error:
+    except pd.errors.EmptyDataError:
+        raise UserError(f"{path} is empty; it must have a header and one row a frame.") from None
+    except (UnicodeDecodeError, pd.errors.ParserError) as error:
         raise UserError(
-            f"{path} is not a readable CSV file: {str(error).strip()}; fix the file (numbers with "
-            "decimal commas need columns separated by ';')."
+            f"{path} is not a readable CSV file: {str(error).strip()}; fix the file{_COMMAS}"
         ) from None
     names = [name.strip() or f"column {number}" for number, name in enumerate(rows.iloc[0], 1)]
     headed = not rows.iloc[0].str.fullmatch(_NUMBER).all()

@@ -344,7 +344,7 @@ class Writer:
                 cannot be used, or another split has the name.
         """
         self._check_open()
-        split = Split(*(tuple(sorted(ids)) for ids in (train, validation, test)))
+        split = Split(*(tuple(sorted(map(int, ids))) for ids in (train, validation, test)))
         write_split(self.folder, name, split, self.samples)
 
     def close(self) -> None:
@@ -417,7 +417,7 @@ class Writer:
         new: set[int] = set()
         for draft in drafts:
             number = draft.id
-            if number < 0:
+            if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0:
                 raise UserError(f"a sample's id is {number!r}; it must be a whole number from 0.")
             if number in self._samples or number in new:
                 raise UserError(f"{self.folder} has a sample {number} already; an id stands once.")

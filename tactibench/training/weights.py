@@ -97,7 +97,7 @@ def load_weights(
         if value != wanted:
             raise UserError(
                 f"{path} was trained with {name}={value!r}, but {name}={wanted!r} is asked for; "
-                f"use --param model.{name}={value} or {again}"
+                f"ask for what it was trained with, or {again}"
             )
     return tensors, header["extra"]
 

@@ -136,6 +136,9 @@ def test_closing_writes_counts_and_the_journals_hash(closed_set: Path) -> None:
 
 def test_writing_goes_on_where_it_was(open_set: Path) -> None:
     with Writer(open_set, header()) as writer:
+        for number in (-1, 1.5, "a", True):
+            with pytest.raises(UserError, match="must be a whole number from 0"):
+                writer.add(Draft(image(0), number))
         for wrong in ([draft(4), draft(2)], [draft(5), draft(5)]):
             with pytest.raises(UserError, match=f"has a sample {wrong[1].id} already"):
                 writer.add_many(wrong)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_data_sets import header
 
@@ -14,7 +15,7 @@ from tactibench.datasets import Split, Writer, open_dataset, verify
 
 def test_a_split_comes_back(open_set: Path) -> None:
     with Writer(open_set, header()) as writer:
-        writer.split("by-press", train=[1, 0], test=[2, 3])
+        writer.split("by-press", train=np.array([1, 0]), test=[2, 3])
         writer.split("by-press", train=[0, 1], test=[3, 2])  # the same again
         with pytest.raises(UserError, match="divides otherwise"):
             writer.split("by-press", train=[2, 3], test=[0, 1])

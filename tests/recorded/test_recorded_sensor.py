@@ -52,6 +52,27 @@ def test_frames_keep_the_order_asked_for(recording, open_recording):
     frames.close()
 
 
+def test_rows_with_the_same_pose_stay_apart(recording, open_recording):
+    rows = rows_of(recording)
+    same = rows[1].partition(",")[2]
+    rows[3], rows[4] = f"frame_3_0.png,{same}", f"frame_4_0.png,{same}"
+    rewrite(recording, rows)
+    sensor = open_recording(recording)
+    scenes = sensor.scenes()
+    assert (len(scenes), len(set(scenes.values()))) == (5, 3)
+    assert [f.timestamp for f in sensor.frames(reversed(scenes))] == [4, 3, 2, 1, 0]
+    assert sensor.press(scenes["frame_4_0.png"]).timestamp == 1
+
+
+def test_a_listed_frame_is_not_taken_for_the_rest_frame(recording, open_recording):
+    frames = recording / "frames_bw"
+    (frames / "init_0.png").unlink()
+    (frames / "frame_0_0.png").rename(frames / "image_0.png")
+    rows = rows_of(recording)
+    rewrite(recording, [rows[0].replace("frame_0_0", "image_0"), *rows[1:]])
+    assert open_recording(recording).describe()["rest"] is None
+
+
 def test_a_press_that_was_not_recorded_is_refused(recording, open_recording):
     sensor = open_recording(recording)
     for scene in (

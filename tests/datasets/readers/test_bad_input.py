@@ -60,13 +60,19 @@ def test_an_image_bomb_is_not_decoded(first, unimported):
 def test_names_that_are_no_files(first, unimported):
     for i in (1, 3):
         (first / "frames_bw" / f"frame_{i}_0.png").unlink()
-    unimported(first, "targets.csv", "2 frames", "frame_1_0.png")
+    unimported(first, "targets.csv", "frame_1_0.png (and 1 more)", "not in", "frames_bw")
+    (first / "raw").mkdir()
+    for i in (1, 3):  # pictures of another kind are no frames of this table
+        (first / "raw" / f"frame_{i}_0.png").write_bytes(
+            (first / "frames_bw" / "frame_2_0.png").read_bytes()
+        )
+    unimported(first, "frame_1_0.png (and 1 more)", "frames_bw")
     (first / "frames_bw" / "frame_1_0.png").mkdir()
-    unimported(first, "targets.csv", "2 frames", "frame_1_0.png")
+    unimported(first, "targets.csv", "frame_1_0.png (and 1 more)")
     (first / "frames_bw" / "frame_1_0.png").rmdir()
     for path in (first / "frames_bw").glob("frame*"):
         path.unlink()
-    unimported(first, "5 frames", options=ImportOptions(missing="skip"))
+    unimported(first, "(and 4 more)", options=ImportOptions(missing="skip"))
 
 
 def replace(old, new):
@@ -120,12 +126,12 @@ def mixed_commas(folder):
         (mixed_commas, ["row 3", "'-0,75'", "row 1", "'-0.25'", "one way"]),
         (replace(",10.0,4", ""), ["row 5", "pose_6", "''"]),
         (replace("frame_1", "extra,extra,frame_1"), ["line 3, saw"]),
-        (write(b""), ["not a readable CSV"]),
         (write(b"image_name,pose_2,pose_6\n"), ["no rows"]),
         (write(b"image_name,pose_2,pose_2\nframe_0_0.png,1,2\n"), ["two columns 'pose_2'"]),
         (write(b"first,pose_2\nframe_0_0.png,1\n"), ["names the frames", "column=COLUMN"]),
         (write(b"image_name,pose_2\n ,1\n"), ["row 1 names no frame"]),
         (write(b"\xff\xfe\x00junk,\xd8"), ["not a readable CSV"]),
+        (write(b""), ["is empty; it must have a header"]),
     ],
 )
 def test_a_mistake_in_the_table_is_named(first, unimported, change, words):
@@ -144,6 +150,10 @@ def test_a_damaged_description_is_left_out_where_labels_do_not_need_it(first, da
     ("options", "words"),
     [
         ({"indenter": "plate", "depth": "pose_9"}, ["pose_9", "its columns are"]),
+        ({"indenter": "plate", "depth": "pose_2,pose_1"}, ["no column pose_2,pose_1"]),
+        ({"indenter": "plate", "depth": "nan"}, ["no column nan"]),
+        ({"indenter": "plate", "tilt": "5"}, ["no column 5"]),
+        ({"indenter": "single", "x": "pose_1,pose_2"}, ["one column each", "2 for x"]),
         ({"indenter": "plate", "depth": "pose_1"}, ["pose_1 has the same value", "pose_2 changes"]),
         ({"press": "tap"}, ["no column tap"]),
         ({"labels": "wrong"}, ["no column wrong"]),

@@ -49,10 +49,23 @@ def test_labels_and_name_column_can_be_chosen(plain, tmp_path):
     assert sample.extra["x_mm"] == "1"
 
 
+def test_names_with_folders_keep_the_rest_frame_of_their_place(plain):
+    frames(plain / "images" / "a", 4)
+    frames(plain / "images", 1, stem="init_")
+    (plain / "init_setup.png").write_bytes(b"no frame, and not asked for")
+    text = (plain / "labels.csv").read_text().replace("\nf", "\na/f")
+    (plain / "labels.csv").write_text(text)
+    recording = open_recording(plain)
+    assert recording.frames == plain / "images"
+    assert recording.rest == plain / "images" / "init_0.png"
+
+
 def test_other_contact_columns(plain, tmp_path):
     text = (plain / "labels.csv").read_text().replace("x_mm", "u").replace("depth_mm", "w")
     (plain / "labels.csv").write_text(text)
-    assert open_recording(plain).scenes == (None,) * 4
+    recording = open_recording(plain)
+    assert recording.scenes == (None,) * 4
+    assert any("x_mm, depth_mm is missing" in note for note in recording.notes)
     options = read_options(["indenter=single", "x=u", "depth=w", "offset_mm=-1"])
     scenes = open_recording(plain, options).scenes
     assert scenes[3].pose == Pose(3.0, -3.5, depth=3.0)

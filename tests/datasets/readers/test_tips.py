@@ -167,6 +167,11 @@ def test_a_mistake_is_named_with_its_row(
             [1, 2, 3, 8, 0.4],
             {"indenter": "dual", "spacing": "spacing", "yaw": "yaw", "angles": "rad"},
         ),
+        (
+            "x,y,depth,spacing_mm,height_1_mm,height_2_mm",
+            [1, 2, 3, 8, 0, 0.5],
+            {"indenter": "dual", "heights": "height_1_mm,height_2_mm"},
+        ),
         ("x_px,x_mm,y_mm,depth,force_z", [64, 2, 3, 1, 9], {"x": "x_mm", "depth": "depth"}),
         (
             "x1,y1,z1,x2,y2,z2",
