@@ -167,17 +167,11 @@ def generate(
     tactibench data generate --plan presses.jsonl --out data/grid
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import (
-        GenerationRequest,
-        is_complete,
-        is_dataset,
-        open_dataset,
-        sensor_parameters,
-    )
+    from tactibench.datasets import GenerationRequest, is_complete, is_dataset, open_dataset
     from tactibench.datasets import generate as write
     from tactibench.run import read_parameters
 
-    parameters = sensor_parameters(read_parameters(params))
+    parameters = tuple(read_parameters(params, ("sensor",)).get("sensor", {}).items())
     request = GenerationRequest(protocol, plan, sensor, parameters, count, seed)
     press_plan, source = request.resolve()
     terminal = Terminal()

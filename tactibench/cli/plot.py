@@ -175,11 +175,10 @@ def limit(
     """
     from tactibench import api
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import sensor_parameters
     from tactibench.run import read_parameters
 
     names = tuple(name.strip() for name in nuisances.split(",") if name.strip())
-    values = dict(sensor_parameters(read_parameters(params)))
+    values = read_parameters(params, ("sensor",)).get("sensor", {})
     made = api.plot_limit(params=values, nuisances=names, progress=Terminal(), **options)
     _show(made, out, json_file)
 

@@ -27,7 +27,6 @@ from .generation import plan_of_file as plan_of_file
 from .generation import plan_of_protocol as plan_of_protocol
 from .generation import press_rows as press_rows
 from .generation import press_series as press_series
-from .generation import sensor_parameters as sensor_parameters
 from .generation import sensor_source as sensor_source
 from .labels import indentation as indentation
 from .labels import own_workspace as own_workspace

@@ -291,7 +291,7 @@ class GenerationRequest:
         protocol: Name or file of a protocol; None with a plan.
         plan: File of a plan; None with a protocol.
         sensor: Name of the sensor; None takes the protocol's.
-        parameters: Name and value of the sensor's parameters, see ``sensor_parameters``.
+        parameters: Name and value of the sensor's parameters.
         count: Most presses of each set.
         seed: Seed of other presses than the protocol's, and of the sensor's randomness.
     """
@@ -347,22 +347,6 @@ class GenerationRequest:
                 "`tactibench data import`."
             )
         return sensor_source(spec, spec.settings(dict(self.parameters)))
-
-
-def sensor_parameters(
-    parameters: Mapping[str, Mapping[str, str]],
-) -> tuple[tuple[str, str], ...]:
-    """Return names and values of the sensor's parameters.
-
-    Args:
-        parameters: Kind -> parameter -> value as text.
-
-    Raises:
-        UserError: Another kind than "sensor" has parameters.
-    """
-    for kind in set(parameters) - {"sensor"}:
-        raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
-    return tuple(parameters.get("sensor", {}).items())
 
 
 def is_complete(folder: Path, source: SensorSource, plan: PressPlan) -> bool:

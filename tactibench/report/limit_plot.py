@@ -32,6 +32,8 @@ from tactibench.run import Reporter
 
 MOST_CELLS = 101
 """Most cells along one side of the map: a finer map takes minutes and shows nothing more."""
+MOST_MM = 40.0
+"""Largest length that is asked for: no sensor is larger."""
 LETTERS_AN_INCH = 12
 SPACING_MM = 7.0
 """Spacing of two tips where none is given."""
@@ -76,11 +78,14 @@ def limit_data(
         raise UserError("--spacing and --yaw belong to two tips; add --scene dual.")
     distance = SPACING_MM if spacing is None else spacing
     depths = tuple(map(float, depths))
-    least = min(depths, default=0.0)
-    positive = {"radius": radius, "spacing": distance, "step": step, "depth": least}
-    for quantity, value in positive.items():
-        if not value > 0:
-            raise UserError(f"{quantity} {value:g} mm is not above 0; take a positive number.")
+    lengths = [("radius", radius), ("spacing", distance), ("step", step)]
+    for quantity, value in (*lengths, *(("depth", depth) for depth in depths or (0.0,))):
+        if not 0 < value <= MOST_MM:
+            raise UserError(f"{quantity} {value:g} mm is not above 0 and at most {MOST_MM:g} mm.")
+    if not 0 <= reach <= MOST_MM:
+        raise UserError(f"range {reach:g} mm is not from 0 to {MOST_MM:g} mm.")
+    if yaw is not None and not math.isfinite(yaw):
+        raise UserError(f"yaw {yaw:g} deg is not a finite angle; take one such as 45.")
     bound = BoundSpec.named(PluginHost().sensors, name, params)
     sensor = _sensor(bound)
     indenter = Indenter.single(radius) if scene == "single" else Indenter.dual(distance, radius)
@@ -121,14 +126,13 @@ def _nuisances(sensor: Sensor, asked: Sequence[str]) -> tuple[str, ...]:
 
 
 def _grid(reach: float, step: float) -> Grid:
-    half = math.floor(reach / step + 1e-9)
-    cells = 2 * half + 1  # a press at the apex, and whole steps from there
-    if cells > MOST_CELLS:
+    steps = reach / step + 1e-9
+    if 2 * steps >= MOST_CELLS + 1:
         raise UserError(
-            f"--step {step:g} mm makes {cells} presses along +-{reach:g} mm; at most {MOST_CELLS} "
-            "are taken, so take larger steps or a smaller --range."
+            f"--step {step:g} mm makes more than {MOST_CELLS} presses along +-{reach:g} mm; take "
+            "larger steps or a smaller --range."
         )
-    return Grid.centred(cells, step)
+    return Grid.centred(2 * math.floor(steps) + 1, step)  # one at the apex, whole steps from there
 
 
 def _description(request: LimitRequest) -> str:

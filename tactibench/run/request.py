@@ -111,8 +111,14 @@ def data_folder(path: Path | None, option: str = "--data") -> Path | None:
     return path
 
 
-def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
+def read_parameters(
+    texts: tuple[str, ...], kinds: tuple[str, ...] = KINDS
+) -> dict[str, dict[str, str]]:
     """Return the parameters in texts: ``{"model": {"width": "32"}}`` of ``("model.width=32",)``.
+
+    Args:
+        texts: Texts of ``--param``.
+        kinds: Kinds that have parameters here.
 
     Raises:
         UserError: A text is no KIND.NAME=VALUE with a known kind, or a parameter is given twice.
@@ -121,10 +127,11 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
     for text in texts:
         name, equals, value = text.partition("=")
         kind, dot, parameter = name.partition(".")
-        if not equals or not dot or kind not in KINDS or not parameter:
+        if not equals or not dot or kind not in kinds or not parameter:
+            example = "model.width=32" if "model" in kinds else "sensor.size=256"
             raise UserError(
                 f"--param {text!r} is not understood; write KIND.NAME=VALUE with KIND one of "
-                f"{', '.join(KINDS)}, for example --param model.width=32."
+                f"{', '.join(kinds)}, for example --param {example}."
             )
         if parameter in parameters.setdefault(kind, {}):
             raise UserError(f"--param {kind}.{parameter} is given twice; give it once.")

@@ -93,7 +93,7 @@ def test_a_protocol_becomes_a_data_set_and_the_same_command_goes_on(
     [
         ((), "either a protocol, such as exp1, or --plan FILE"),
         (("exp1", "--sensor", "recorded"), "tactibench data import"),
-        (("exp1", "--param", "model.width=3"), "only the sensor has parameters here"),
+        (("exp1", "--param", "model.width=3"), "KIND one of sensor, for example --param sensor."),
     ],
 )
 def test_mistakes(refused: Callable[..., str], arguments: tuple[str, ...], says: str) -> None:
