@@ -37,6 +37,12 @@ def test_every_protocol_ranks_and_shows_metrics_that_there_are(protocol: str) ->
     check_metrics(load_protocol(protocol))
 
 
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_note_on_unseen_sensors_stands_where_their_columns_always_do(protocol: str) -> None:
+    blocks = [block for block in board_spec(protocol).blocks if not block.apart]
+    assert not [block.title for block in blocks if "Unseen" in block.note]
+
+
 def test_a_misspelt_metric_of_a_board_is_told_before_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
