@@ -266,7 +266,13 @@ def export(board_folder: Path, json_file: Path | None, csv_file: Path | None) ->
     if csv_file is not None:
         import pandas as pd
 
-        pd.DataFrame(rows).to_csv(csv_file, index=False)
+        pd.DataFrame(rows).map(_cell).to_csv(csv_file, index=False)
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as a spreadsheet shows it: a list as words, and no text as a formula."""
+    text = " ".join(map(str, value)) if isinstance(value, list) else value
+    return f"'{text}" if isinstance(text, str) and text.startswith(("=", "+", "-", "@")) else text
 
 
 @board.command(short_help="publish the hash of the secret seed of test presses, or the seed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 import threading
 from contextlib import suppress
@@ -89,7 +90,7 @@ def demo(
     with page:
         terminal.say(f"press here: {page.url}   (Ctrl-C ends it)")
         sys.stdout.flush()
-        if not no_browser:
+        if not no_browser and _has_screen():
             import webbrowser
 
             webbrowser.open(page.url)
@@ -169,4 +170,11 @@ def _session(plan: RunPlan, subjects: list[Subject]) -> PressSession:
         spec.grid.grid(),
         dome_radius_mm=spec.workspace.dome_radius_mm,
         gate_mm=spec.test.gate_mm,
+    )
+
+
+def _has_screen() -> bool:
+    """Return whether a browser would open in a window: one in a terminal would take it over."""
+    return sys.platform in {"win32", "darwin"} or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

@@ -36,7 +36,7 @@ VERBS = {
     "score": ("tactibench.cli.run:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time models in turns"),
     "sweep": ("tactibench.cli.run:sweep", "many runs on all cores, or on a cluster"),
-    "weights": ("tactibench.cli.run:weights", "trained weights as a file: export, import"),
+    "weights": ("tactibench.cli.run:weights", "trained weights as a file"),
 }
 MISTAKE, INTERRUPTED = 2, 130
 """Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
@@ -165,11 +165,14 @@ def call(arguments: Sequence[str]) -> int:
         raise
     except BaseException as error:
         verb = next((argument for argument in given if not argument.startswith("-")), "")
-        if "--debug" in arguments or (isinstance(error, SystemExit) and verb not in VERBS):
+        ended = isinstance(error, SystemExit)
+        if ended and verb not in VERBS:
             raise  # a verb of a plugin may end as it likes
-        text = sentence(error)
+        text = sentence(error) if ended or "--debug" not in arguments else None
         if text is None:
             raise
+        if "--debug" in arguments:
+            raise UserError(text) from error  # Python shows no traceback of a SystemExit
         echo(f"tactibench: {text}", err=True)
         return MISTAKE
     return result if isinstance(result, int) else 0

@@ -77,11 +77,13 @@ def test_mistakes(refused, stored_run, options, words):
 
 
 def test_the_figures_are_written_as_csv(cli, stored_run):
-    cli("board", "add", stored_run(model="a_b", error=0.0625))
+    more = (("gospa1_mm", "=1+2", 0.3),)
+    cli("board", "add", stored_run(model="a_b", error=0.0625, metrics=more))
     assert cli("board", "export", "--csv", "rows.csv")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
-        (row,) = [row for row in csv.DictReader(stream) if row["metric"] == "gospa1_mm"]
+        row, other = (row for row in csv.DictReader(stream) if row["metric"] == "gospa1_mm")
     assert (row["value"], row["unit"], row["model"], row["rank"]) == ("0.0625", "mm", "a_b", "")
+    assert (row["seeds"], other["group"]) == ("0", "'=1+2")  # no list, and no formula
 
 
 def test_the_ranked_rows_are_shown(cli, refused, stored_run):

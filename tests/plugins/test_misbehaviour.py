@@ -146,6 +146,13 @@ def test_a_model_that_misbehaves_is_one_sentence_and_stores_nothing(
     assert not list(tmp_path.glob("runs/*/record.json"))
 
 
+def test_debug_shows_where_a_model_ended_the_command(bad: Call) -> None:
+    done = bad((*RUN, "--debug"), predict="sys.exit(0)")
+    assert done.returncode == 1
+    assert "Traceback" in done.stderr
+    assert re.search("UserError: .*" + in_code("SystemExit: 0", "predict"), done.stderr)
+
+
 def test_a_crash_in_compiled_code_shows_the_line_that_led_to_it(bad: Call) -> None:
     done = bad(RUN, predict="import ctypes; ctypes.string_at(0)")
     assert done.returncode == -signal.SIGSEGV

@@ -13,9 +13,11 @@ END_S = 20
 
 
 @contextmanager
-def demo_page(arguments: Sequence[str]) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def demo_page(
+    arguments: Sequence[str], options: Sequence[str] = ("--no-browser",)
+) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Yield the address of the page and the process; Ctrl-C ends it."""
-    command = [sys.executable, "-m", "tactibench", "demo", "--no-browser", *arguments]
+    command = [sys.executable, "-m", "tactibench", "demo", *options, *arguments]
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
     try:
         started = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
