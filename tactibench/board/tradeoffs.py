@@ -13,6 +13,7 @@ trained on them alone.
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -239,7 +240,7 @@ class Curve:
 
 
 def curves(rows: Iterable[Row], error: Ranking) -> list[Curve]:
-    """Return the curves of at least two steps, sorted by label.
+    """Return the curves of at least two steps, the smallest error of a last step first.
 
     Args:
         rows: Rows of one sensor, with and without ``presses``.
@@ -248,11 +249,17 @@ def curves(rows: Iterable[Row], error: Ranking) -> list[Curve]:
     by_label: dict[str, list[Row]] = {}
     for row in rows:
         by_label.setdefault(row.label, []).append(row)
-    return [
+    found = [
         Curve(label, same_label[0].first.model.name, _steps(same_label, error))
-        for label, same_label in sorted(by_label.items())
+        for label, same_label in by_label.items()
         if len(same_label) > 1
     ]
+    return sorted(found, key=_place)
+
+
+def _place(curve: Curve) -> tuple[float, str]:
+    last = curve.steps[-1].error
+    return math.inf if last is None else last.value, curve.label
 
 
 def _steps(rows: Iterable[Row], error: Ranking) -> tuple[Step, ...]:
@@ -264,7 +271,7 @@ def _steps(rows: Iterable[Row], error: Ranking) -> tuple[Step, ...]:
 
 
 def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) -> list[Curve]:
-    """Return the curves of at least two steps over the instances of a sensor, sorted by label.
+    """Return the curves of at least two steps over a sensor's instances, ordered as ``curves``.
 
     A point is the mean over these instances; its ends are the smallest and the largest. A point
     over fewer instances than the others of its curve is left out. Presses are labelled presses of
@@ -300,14 +307,14 @@ def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) ->
         )
         curve.setdefault(presses, {}).setdefault(instance, []).append(record)
     curves = []
-    for (label, model), steps in sorted(points.items()):
+    for (label, model), steps in points.items():
         # Means over fewer instances than the others' would compare instances, not presses.
         complete = [n for n in sorted(steps) if len(steps[n]) == max(map(len, steps.values()))]
         if len(complete) > 1:
             curves.append(
                 Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in complete))
             )
-    return curves
+    return sorted(curves, key=_place)
 
 
 def _as_made(record: Record) -> bool:

@@ -376,7 +376,7 @@ def doubling_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
             body.append([family_head(axis), f"{axis.easy:g} to {axis.values[-1]:g}", *shown])
     heads = ["family", "easy to hardest", *(row.label for row in rows)]
     title = "Where the error doubles" + (": value [95 % interval]" if few else "")
-    return table(heads, body, title=title)
+    return table(heads, body, title=title, notes=[DOUBLING_NOTE])
 
 
 def overview_table(

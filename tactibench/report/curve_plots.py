@@ -33,6 +33,7 @@ from tactibench.report.style import (
     Look,
     PlotData,
     draw_line,
+    first_rows,
     headline,
     in_own_style,
     legend_below,
@@ -151,7 +152,7 @@ def stability_figure(rows: Sequence[Row], axes: Sequence[Axis], *, measured_on: 
     for line in panels:
         line[0].set_ylabel("error, mm", fontsize=9)
     handles, labels = panels.flat[0].get_legend_handles_labels()
-    legend_below(figure, 4, handles, labels)
+    legend_below(figure, 2, handles, labels)
     notes = "bars: 95 % over presses; hollow: a tenth of the contacts missed, or more"
     headline(figure, "Hard cases: error from the easy case on", measured_on, notes)
     return figure
@@ -228,7 +229,7 @@ def stability_data(
         (doubling_table(chosen, axes),),
         rows,
         partial(stability_figure, chosen[:CURVES], axes, measured_on=subject),
-        () if len(chosen) <= CURVES else (f"The picture shows the first {CURVES} rows.",),
+        first_rows(len(chosen)),
     )
 
 

@@ -113,7 +113,7 @@ def _median_frame(arrays: RunArrays) -> Figure:
     row = rows[int(np.argsort(errors, kind="stable")[len(rows) // 2])]
     record, press = arrays.run.record, arrays.truth["press"][row]
     title = f"{label_of(record)}, press {press}: the median one of {len(rows)}"
-    examples = [("prediction", arrays.example(row))]
+    examples = [("camera frame", arrays.example(row))]
     return contacts_figure(examples, title=title, measured_on=measured_on(record))
 
 

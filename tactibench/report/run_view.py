@@ -94,7 +94,7 @@ def print_summary(
     for line in (misses_line(record), speed_line(record)):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(record.signature, style="dim"), soft_wrap=True)
-    stored = "record" if record.limits.quick else "record and pictures"
+    stored = "record and pictures" if any(folder.glob("*.png")) else "record"
     text = f"more: --full; {stored}: {folder}; words: {GLOSSARY}"
     console.print(Text(text), soft_wrap=True)
     console.print(Text(place_line(record, folder, place, board)), soft_wrap=True)

@@ -225,6 +225,11 @@ def draw_line(
     )
 
 
+def first_rows(count: int) -> tuple[str, ...]:
+    """Return the sentence about a picture that shows fewer than ``count`` rows; () if all."""
+    return (f"The picture shows the first {CURVES} rows.",) if count > CURVES else ()
+
+
 @dataclass(frozen=True)
 class PlotData:
     """A figure, drawn on request, with its numbers.

@@ -40,9 +40,11 @@ from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols import Ranking, board_spec, load_protocol
 from tactibench.report.board_tables import curve_table
 from tactibench.report.style import (
+    CURVES,
     GREY,
     PlotData,
     draw_line,
+    first_rows,
     headline,
     in_own_style,
     legend_below,
@@ -189,9 +191,8 @@ def _show_frontier(axes: Axes, frontier: Frontier, numbers: Mapping[str, int]) -
     if frontier.best:
         x = [point.latency.value for point in frontier.best]
         y = [point.error.value for point in frontier.best]
-        axes.plot(
-            [*x, axes.get_xlim()[1]], [*y, y[-1]], drawstyle="steps-post", scalex=False, **STEPS
-        )
+        slowest = max(point.latency.high for point in frontier.points)  # panels share their ends
+        axes.plot([*x, slowest], [*y, y[-1]], drawstyle="steps-post", **STEPS)
     if frontier.points:
         for axis in (axes.xaxis, axes.yaxis):
             log_ticks(axis)
@@ -349,7 +350,8 @@ def curve_data(
         learning = new_sensor_curves(all_records(protocol, board, runs), error, name)
         lacking = (
             f"no run of {protocol} on sensor {name!r} was tested on another instance than it was "
-            f"trained on; make some with `tactibench run {protocol} --test sensor.instance=1`."
+            f"trained on; make some with `tactibench run {protocol} --model MODEL "
+            "--test sensor.instance=1`."
         )
         subject = f"{protocol}, simulated sensor {name}, instances that no training saw"
     else:
@@ -357,15 +359,16 @@ def curve_data(
         learning = curves(section.rows, error)
         lacking = (
             f"no configuration of {protocol} was run with several numbers of presses; make some "
-            f"with `tactibench run {protocol} --presses N`."
+            f"with `tactibench run {protocol} --model MODEL --presses N`."
         )
         subject = f"{protocol}, {section.title.lower()}"
     if not learning:
         raise UserError(lacking)
 
-    draw = partial(curve_figure, learning, error, new_sensor=new_sensor, measured_on=subject)
+    drawn = learning[:CURVES]
+    draw = partial(curve_figure, drawn, error, new_sensor=new_sensor, measured_on=subject)
     shown = tuple(filter(None, [curve_table(learning, error)]))
-    return PlotData(subject, shown, _curve_rows(learning, error), draw)
+    return PlotData(subject, shown, _curve_rows(learning, error), draw, first_rows(len(learning)))
 
 
 def _curve_rows(learning: Sequence[Curve], error: Ranking) -> list[dict[str, Any]]:

@@ -153,7 +153,7 @@ def test_a_new_sensor_is_a_mean_over_instances_and_each_over_its_seeds(fabricate
         for curve in found
     }
     name = "unet + hertz (single), "
-    assert list(steps) == [f"{name}this sensor alone", f"{name}trained on 16 others"]
+    assert list(steps) == [f"{name}trained on 16 others", f"{name}this sensor alone"]
     assert steps[f"{name}trained on 16 others"] == [
         pytest.approx((0, 0.25, 0.15, 0.35)),
         pytest.approx((50, 0.06, 0.04, 0.08)),

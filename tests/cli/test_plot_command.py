@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tactibench import api
 from tactibench.board import compact, text_of
 from tactibench.cli.plot import plot
 
@@ -57,6 +58,20 @@ def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board
     assert [(row["presses"], row["value"]) for row in rows] == [(250, 0.2), (3600, 0.05)]
 
 
+def test_a_curve_shows_the_best_six_and_says_so(cli, board, fabricate):
+    for k in range(7):
+        for few in ({}, {"limits": {"presses": 250}, "data": {"train": 250}}):
+            record = compact(fabricate(settings={"width": 90 + k}, error=0.05 - k / 200, **few))
+            Path(f"leaderboards/submissions/exp1/{record.name}.json").write_text(text_of(record))
+    code, out, _ = cli("plot", "curve", "exp1", "--json", "c.json")
+    assert code == 0
+    assert out.endswith("The picture shows the first 6 rows.\n")
+    groups = list(dict.fromkeys(row["group"] for row in json.loads(Path("c.json").read_text())))
+    assert [name.partition("width=")[2][:2] for name in groups][:4] == ["96", "95", "94", "93"]
+    made = api.plot("curve", "exp1", board="leaderboards").data.draw()
+    assert [text.get_text() for text in made.legends[0].get_texts()] == groups[:6]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -67,9 +82,15 @@ def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board
         (["plot", "frontier", "exp1", "--out", "f.pdf"], "f.pdf is no PNG file; call it f.png"),
         (["plot", "frontier", "exp1", "--out", "no/f.png"], "the folder no is not there"),
         (["plot", "frontier", "exp1", "--board", "no"], "there is no board in no"),
-        (["plot", "curve", "exp1", "--new-sensor"], "was tested on another instance than it was"),
+        (
+            ["plot", "curve", "exp1", "--new-sensor"],
+            "exp1 --model MODEL --test sensor.instance=1",
+        ),
         (["plot", "curve", "exp2"], "there is no complete run of exp2"),
-        (["plot", "curve", "exp1", "--sensor", "tactip-127, instance=1"], "run exp1 --presses N"),
+        (
+            ["plot", "curve", "exp1", "--sensor", "tactip-127, instance=1"],
+            "--model MODEL --presses N",
+        ),
     ],
 )
 def test_mistakes(refused, board, arguments, words):

@@ -13,6 +13,7 @@ from tactibench.protocols import load_protocol
 from tactibench.records import Cause, Failures, Metric, Record
 from tactibench.report import (
     board_page,
+    doubling_table,
     print_run,
     stability_figure,
 )
@@ -79,6 +80,19 @@ def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
     assert "shift, px" in faults
     assert "individual" not in faults  # its values have no order
     assert "Speed and cost" not in text
+
+
+def test_six_models_have_a_legend_inside_the_figure_and_a_table_that_is_explained(
+    fabricate: Any,
+) -> None:
+    names = ("unet", "superpose", "vgnn", "mixture", "cnn", "kernel")
+    records = [record(fabricate, name, settings={"a_long_parameter": 12345}) for name in names]
+    figure = stability_figure(rows_of(records), AXES)
+    figure.draw_without_rendering()
+    legend = figure.legends[0].get_window_extent()
+    assert 0 <= legend.x0 < legend.x1 <= figure.bbox.x1
+    (note,) = doubling_table(rows_of(records), AXES).notes
+    assert "n/a: the easy case costs more than half the gate" in note
 
 
 def printed(made: Record) -> str:

@@ -181,6 +181,9 @@ def test_points_of_a_frontier_are_in_its_key_and_dominated_ones_are_hollow(
         assert [labels[text.get_text()] for text in axes.texts] == [p.label for p in one.points]
         faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
         assert faces.count("white") == len(one.dominated) == 1
+        (steps,) = (line for line in axes.lines if line.get_drawstyle() == "steps-post")
+        assert max(steps.get_xdata()) == max(p.latency.high for p in one.points)
+        assert max(steps.get_xdata()) < axes.get_xlim()[1]
     assert panels[0].get_xscale() == panels[0].get_yscale() == "log"
 
 
@@ -263,7 +266,7 @@ except SystemExit:
     save_png(single_figure(np.ones((5, 3)), np.ones((5, 3)) + 0.1), picture)
 sys.exit("matplotlib.pyplot" in sys.modules)
 """
-    own = {"MPLBACKEND": "module://of.a.notebook", "MATPLOTLIBRC": str(tmp_path)}
+    own = {"MPLBACKEND": "of_a_notebook", "MATPLOTLIBRC": str(tmp_path)}
     for name, environment in (("plain.png", {}), ("hostile.png", own)):
         command = [sys.executable, "-c", code, str(tmp_path / name)]
         subprocess.run(

@@ -56,6 +56,13 @@ def test_a_run_is_printed_in_about_ten_lines(
     assert 8 <= len(text.splitlines()) <= 13
 
 
+def test_pictures_are_named_where_there_are_some(record: Callable[..., Record]) -> None:
+    assert "; record: runs/somewhere" in summary(record("surface"))
+    FOLDER.mkdir(parents=True)
+    (FOLDER / "frame.png").touch()
+    assert "; record and pictures: runs/somewhere" in summary(record("exp1"))
+
+
 def placed(
     record: Record, place: Placement | None, folder: Path = FOLDER, board: Path = BOARD
 ) -> str:
