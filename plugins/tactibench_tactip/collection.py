@@ -139,8 +139,12 @@ class Collector:
             for indenter, presses in groups:
                 if not report.interrupted and self._mount(indenter, len(presses)):
                     self._press_all(presses, ended)
-        except StopNowError:
+        except StopNowError as stop:
             report.interrupted = True
+            before = str(stop.__context__ or "")
+            if before:  # an error, after which the way back was stopped
+                self._callbacks.notify(before)
+                writer.event("error", reason=before)
         finally:
             report.left = len(self._plan) - len(writer.done)
 

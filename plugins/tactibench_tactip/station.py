@@ -142,7 +142,7 @@ class Station:
             except StopNowError:
                 problem = "the robot was stopped again; the tool was left where it is."
             if problem and self._pressed is not None:
-                warning = f"{problem} It is at a press: look before anything moves."
+                warning = f"{problem} It may be at a press: look before anything moves."
                 if error is None:
                     raise RobotError(warning)
                 error.add_note(warning)
@@ -265,7 +265,16 @@ class Station:
 
     @contextlib.contextmanager
     def at(self, scene: Scene) -> Iterator[None]:
-        """Draw the tool back at the end of the block, in which it is on the path of a press."""
+        """Draw the tool back at the end of the block, in which it is on the path of a press.
+
+        Raises:
+            RobotError: The tool was left at a press before, and cannot be drawn back from there.
+            StopNowError: Somebody asked to stop while the tool was drawn back; its context is the
+                error of the block.
+        """
+        left = self._pressed
+        if left is not None:  # not ``withdraw``, which takes back a request to stop
+            self.do(lambda m: m.withdraw(left, self.geometry))
         self._pressed = scene
         try:
             yield

@@ -124,13 +124,12 @@ class _Search:
     at every step would not see a force that grows with the steps.
 
     Args:
-        station: An open station.
+        station: An open station, whose tool ``look_at_rest`` raised.
         place: Place of the search.
     """
 
     def __init__(self, station: Station, place: Scene) -> None:
         self._station, self._place = station, place
-        self._raise()
         self._guard: Guard = station.do(lambda m: m.force_guard())
 
     def by_image(self, start: float) -> float:

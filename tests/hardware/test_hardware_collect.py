@@ -272,6 +272,30 @@ def test_an_indenter_that_is_not_mounted_waits(lab: Lab) -> None:
     assert open_dataset(lab.folder).header.status == "closed"
 
 
+def test_first_touch_is_found_again_with_another_indenter(lab: Lab) -> None:
+    assert lab.collect(plan(indenter=Indenter.dual(9.0)), mount=lambda *_: True).left == 0
+    kinds = [event["kind"] for event in open_dataset(lab.folder).events]
+    assert kinds.count("touch") == 2
+
+
+def test_the_plan_is_checked_again_from_first_touch(lab: Lab) -> None:
+    """It lies deeper than the configuration says."""
+    lab.settings = make_settings(envelope={"below_mm": 2.0 + TRUE_Z0 / 2})
+    with pytest.raises(UserError, match=r"1 of 1 presses .*refused"):
+        lab.collect(plan(1))
+
+
+def test_a_full_disk_leaves_the_tool_high(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tactibench_tactip.collection.Writer.add_many", full)
+    with pytest.raises(OSError, match="No space left"):
+        lab.collect()
+    assert lab.robot.tool()[2] <= TRUE_Z0 - lab.settings.envelope.clearance_mm + 0.1
+    assert lab.robot.closed
+
+
 def test_a_flickering_light_is_refused(lab: Lab) -> None:
     grabs = iter(range(10_000))
     steady = lab.capture.retrieve

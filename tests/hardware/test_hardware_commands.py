@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import re
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_station import EXAMPLE, FIXED_TOUCH, FakeRobot, stand_in, write_settings
+from fake_station import EXAMPLE, FIXED_TOUCH, FakeCapture, FakeRobot, stand_in, write_settings
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError, open_sensor
 from tactibench.cli.main import call
@@ -19,6 +20,7 @@ from tactibench_tactip import (
     HIGHER_MM,
     OFFSET,
     Station,
+    check_setup,
     find_touch,
     read_settings,
 )
@@ -103,6 +105,23 @@ def test_a_collection_ends_with_its_code_and_a_sentence(
     said = capsys.readouterr()
     assert told in said.out
     assert ("of a robot's time" in said.err) == (not options)
+
+
+def test_doctor_tells_the_rate_of_frames_that_come_in_bursts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Bursts(FakeCapture):
+        def grab(self) -> bool:
+            self.count = getattr(self, "count", 0) + 1
+            time.sleep(0.03 * (self.count % 3 == 0))
+            return super().grab()
+
+    settings = read_settings(write_settings(tmp_path / "lab.toml"))
+    robot = FakeRobot(settings)
+    robot.capture = Bursts(robot)
+    stand_in(lambda _: robot, monkeypatch)
+    found = {part: text for _, part, text in check_setup(settings)}
+    assert 20.0 < float(found["frames"].split()[0]) < 110.0  # most gaps are of 1 ms
 
 
 @pytest.mark.parametrize(

@@ -197,6 +197,17 @@ def test_reports(
     assert (status and status.state, status and status.position) == (state, position)
 
 
+@pytest.mark.parametrize(("line", "number"), [(b"ALARM:1\r\n", 1), (b"ALARM:\xff\r\n", -1)])
+def test_an_alarm_ends_a_move(port: tuple[GrblLink, int], line: bytes, number: int) -> None:
+    """No report follows a critical one, and the last report said that it moves."""
+    link, master = port
+    os.write(master, b"<Jog|MPos:1,2,3>\r\n" + line)
+    end = time.monotonic() + 2.0
+    while not link.alarm and time.monotonic() < end:
+        link.drain()
+    assert (link.alarm, link.last.state) == (number, "Alarm")
+
+
 def test_answers_refusals_and_silence(port: tuple[GrblLink, int]) -> None:
     link, master = port
     os.write(master, b"Grbl 1.1h ['$' for help]\r\n")

@@ -10,7 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_station import FIXED_TOUCH, TRUE_Z0, FakeRobot, Looking, make_settings, stand_in
+from fake_station import (
+    FIXED_TOUCH,
+    TRUE_Z0,
+    FakeCapture,
+    FakeRobot,
+    Looking,
+    make_settings,
+    stand_in,
+)
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import open_dataset
@@ -18,6 +26,7 @@ from tactibench.lab import Press
 from tactibench_tactip import (
     Callbacks,
     Camera,
+    CameraError,
     CollectionPlan,
     GuardError,
     Mover,
@@ -27,10 +36,14 @@ from tactibench_tactip import (
     RobotThread,
     Settings,
     Station,
+    StopNowError,
     collect,
     dry_run,
+    inverse,
+    matrix,
     measure_place,
     measure_settling,
+    pose_of,
 )
 
 MAIN = threading.main_thread().ident or 0
@@ -95,6 +108,104 @@ def test_sigterm_before_the_first_press_ends_a_collection_at_once(
     assert dataset.header.status == "open"
     assert not dataset.splits
     assert robot.closed
+
+
+def test_a_second_interrupt_ends_a_press(
+    settings: Settings, robot: Looking, tmp_path: Path
+) -> None:
+    def interrupt(_: int) -> None:
+        if robot.tool()[2] > -5.0 and not deep:
+            deep.append(1)
+            robot.ticks = 10**9  # it does not arrive
+            signal.pthread_kill(MAIN, signal.SIGINT)
+
+    def again(text: str) -> None:
+        if "again" in text:
+            signal.raise_signal(signal.SIGINT)
+
+    deep: list[int] = []
+    robot.fails = interrupt
+    report = collect(settings, PLAN, tmp_path / "data", callbacks=Callbacks(notify=again))
+    assert (report.interrupted, report.left) == (True, 1)
+    assert robot.tool()[2] <= TRUE_Z0 - settings.envelope.clearance_mm + 0.1
+
+
+def test_an_error_is_told_where_the_way_back_was_stopped(
+    settings: Settings, robot: Looking, tmp_path: Path
+) -> None:
+    def held() -> None:
+        raise RobotError("somebody held it")
+
+    def stopped() -> None:
+        robot.ticks = 10**9
+        signal.pthread_kill(MAIN, signal.SIGTERM)
+
+    ways = iter((held, stopped))
+    robot.fails = lambda _: next(ways, int)() if robot.depth() else None
+    told: list[str] = []
+    report = collect(settings, PLAN, tmp_path / "data", callbacks=Callbacks(notify=told.append))
+    assert (report.interrupted, report.left) == (True, 1)
+    assert told == ["stopping the robot", "somebody held it"]
+    (error,) = (e for e in open_dataset(tmp_path / "data").events if e["kind"] == "error")
+    assert error["reason"] == "somebody held it"
+
+
+def test_a_tool_that_was_left_at_a_press_is_drawn_back_before_it_moves_sideways(
+    settings: Settings, robot: Looking, camera: Camera, press_of: Callable[..., Scene]
+) -> None:
+    lowest: list[float] = []  # of every sideways move
+
+    def hold(_: int) -> None:
+        if robot.depth() and next(holds, False):
+            raise RobotError("somebody held it")
+        start, (x, y, z, *_turn) = (
+            robot.tool(),
+            pose_of(inverse(robot.work) @ matrix(robot.moves[-1])),
+        )
+        if max(abs(x - start[0]), abs(y - start[1])) > 0.01:
+            lowest.append(max(z, start[2]))
+
+    holds = iter((True, True))  # the end of the press, and the way back after the error
+    robot.fails = hold
+    with camera, Station(settings, robot, camera) as station:
+        with pytest.raises(RobotError, match="held it"):
+            station.press(press_of())
+        station.stop_now()
+        with pytest.raises(StopNowError):
+            station.press(press_of(3.0))
+        assert robot.depth()  # a request to stop counts also here
+        station.robot_thread.halt.clear()
+        station.press(press_of(3.0))
+    assert lowest
+    assert max(lowest) <= TRUE_Z0 - settings.envelope.clearance_mm + 0.1
+
+
+def test_a_camera_that_stalls_ends_a_descent(
+    robot: Looking, press_of: Callable[..., Scene]
+) -> None:
+    def stall(_: int) -> None:
+        if robot.tool()[2] > -5.0 and not capture.stalled.is_set():
+            capture.stalled.set()
+            robot.ticks = 10**9
+
+    robot.capture = capture = FakeCapture(robot)
+    settings = make_settings(contact=FIXED_TOUCH, camera={"stall_s": 0.3})
+    with Station(settings) as station:
+        station.look_at_rest()
+        robot.fails = stall
+        with pytest.raises(CameraError, match="no frames in a descent"):
+            station.press(press_of())
+        capture.stalled.clear()
+    assert robot.tool()[2] <= TRUE_Z0 - settings.envelope.clearance_mm + 0.1
+
+
+def test_a_tool_that_moves_is_stopped_before_it_is_drawn_back(
+    settings: Settings, robot: Looking, camera: Camera
+) -> None:
+    with camera, Station(settings, robot, camera) as station:
+        stops = robot.stops
+        station.withdraw()
+        assert robot.stops == stops + 1
 
 
 TICKS = 150
@@ -208,7 +319,7 @@ class TestLeftInTheSkin:
             Station(settings, robot, camera) as station,
         ):
             station.press(press_of())
-        assert "left where it is. It is at a press" in caught.value.__notes__[0]
+        assert "left where it is. It may be at a press" in caught.value.__notes__[0]
         assert robot.tool()[2] > -5.0
 
     def test_no_error_becomes_one(
@@ -221,7 +332,7 @@ class TestLeftInTheSkin:
                 with pytest.raises(RobotError, match="left where it is"):
                     station.withdraw()
 
-        with pytest.raises(RobotError, match=r"left where it is\. It is at a press"):
+        with pytest.raises(RobotError, match=r"left where it is\. It may be at a press"):
             press_and_draw_back()
         assert robot.closed
 

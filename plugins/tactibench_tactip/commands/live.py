@@ -70,7 +70,8 @@ def live(
     """Answer frames as they come and show camera, pins, heatmap, contacts and the loop's latency.
 
     Latency is from a frame's arrival to the list of contacts (scenario `loop`). Without --serve a
-    line in the terminal shows the contacts. The sensor must be untouched at the start.
+    line in the terminal shows the contacts. The sensor must be untouched at the start. Nothing
+    presses the simulated sensor of --emulate: it stays untouched.
     """
     sensor = None if data is None else "recorded"
     network, label = trained_model(model, protocol, params=params, data=data, sensor=sensor)
