@@ -41,11 +41,11 @@ def plan_presses(what: str, sensor: SensorShape, *, seed: int | None = None) -> 
         UserError: There is no such protocol or file, or the sensor cannot be pressed in this way.
     """
     if what.endswith(".jsonl"):
-        return plan_of_file(Path(what), seed or 0, None)
+        return plan_of_file(Path(what), seed or 0)
     protocol = load_protocol(what).spec
     if seed is not None:
         protocol = protocol.model_copy(update={"data_seed": seed})
-    return plan_of_protocol(protocol, sensor, None)
+    return plan_of_protocol(protocol, sensor)
 
 
 def trained_model(

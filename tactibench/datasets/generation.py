@@ -124,7 +124,7 @@ class _Row(SceneKeys):
 _ROW_FILE = TypeAdapter(_Row)
 
 
-def plan_of_file(path: Path, seed: int, count: int | None) -> PressPlan:
+def plan_of_file(path: Path, seed: int, count: int | None = None) -> PressPlan:
     """Return the presses of a plan.jsonl.
 
     Args:
@@ -153,7 +153,9 @@ def plan_of_file(path: Path, seed: int, count: int | None) -> PressPlan:
     return PressPlan((PressSeries(tuple(presses[:count]), (seed,)),), {})
 
 
-def plan_of_protocol(protocol: Protocol, sensor: SensorShape, count: int | None) -> PressPlan:
+def plan_of_protocol(
+    protocol: Protocol, sensor: SensorShape, count: int | None = None
+) -> PressPlan:
     """Return every press that a protocol trains, validates and tests on.
 
     The frames are those of ``tactibench run``: presses, their order and their seeds are the same.

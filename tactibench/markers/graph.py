@@ -80,8 +80,8 @@ def _triangulate(xy: Array) -> tuple[Edges, Edges]:
         triangulation = Delaunay(xy - xy.mean(axis=0))
     except QhullError:
         raise UserError(
-            f"the {len(xy)} pins lie on a line, which has no Voronoi cells; a model with a graph "
-            "of pins needs a rest frame with all pins."
+            f"the {len(xy)} pins lie on a line or are fewer than three, so that they have no "
+            "Voronoi cells; a model with a graph of pins needs a rest frame with all pins."
         ) from None
     corners = triangulation.simplices.astype(np.int64)
     triangle, opposite = np.nonzero(triangulation.neighbors < 0)

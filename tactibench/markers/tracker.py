@@ -364,7 +364,8 @@ class Tracker:
 
     Bright blobs are matched to the layout by growth from certain pins (module ``matching``).
     Soft discs with the profile at rest are then fitted to the grey
-    levels, all pins of a frame together. Without a profile positions are those of the blobs.
+    levels, all pins of a frame together. With ``refine=False``, or where the rest frame shows no
+    soft discs, places are the blobs' centroids.
 
     Attributes:
         rest: (P, 2) px, the pins at rest, read-only; from the top row down.

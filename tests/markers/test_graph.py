@@ -74,7 +74,9 @@ def test_coinciding_pins_share_a_cell(seed, count) -> None:
     assert np.all(np.bincount(graph.edges.ravel(), minlength=30 + count) > 0)
 
 
-@pytest.mark.parametrize("step", [(1.0, 0.0), (2.0, 1.0), (0.1, 0.3)])
-def test_pins_on_a_line_are_refused(step) -> None:
-    with pytest.raises(UserError, match="7 pins lie on a line"):
-        pin_graph(np.arange(7.0)[:, None] * np.array(step))
+@pytest.mark.parametrize(
+    ("count", "step"), [(7, (1.0, 0.0)), (7, (2.0, 1.0)), (7, (0.1, 0.3)), (2, (0.0, 1.0))]
+)
+def test_pins_on_a_line_are_refused(count, step) -> None:
+    with pytest.raises(UserError, match=f"{count} pins lie on a line or are fewer than three"):
+        pin_graph(np.arange(float(count))[:, None] * np.array(step))
