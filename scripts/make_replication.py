@@ -46,6 +46,7 @@ ENCODER = "hertz"
 """The heatmap of the paper, which is the default of all three protocols, too."""
 NOT_RUN = "not run"
 TOO_FEW = "fewer than three seeds"
+OTHER_PRESSES = "not the same presses"
 
 
 @dataclass(frozen=True)
@@ -205,12 +206,14 @@ def _difference(board: Board, first: System, second: System, recipe: str) -> Cel
     )
     if first_row is None or second_row is None:
         return NOT_RUN
-    systems = [
-        np.array([board.errors[record.name].error for record in row.records])
-        for row in (first_row, second_row)
+    found = [
+        [board.errors[record.name] for record in row.records] for row in (first_row, second_row)
     ]
-    if min(map(len, systems)) < FEWEST_SEEDS:
+    if min(map(len, found)) < FEWEST_SEEDS:
         return TOO_FEW
+    if len({tuple(errors.press) for row in found for errors in row}) > 1:
+        return OTHER_PRESSES
+    systems = [np.array([errors.error for errors in row]) for row in found]
     first_errors, second_errors = (table.mean(axis=0) for table in systems)
     apart = first_errors - second_errors
     of_presses = apart.var(ddof=1) / len(apart), len(apart) - 1.0
@@ -222,8 +225,13 @@ def _difference(board: Board, first: System, second: System, recipe: str) -> Cel
 
 
 def half_width(terms: Sequence[tuple[float, float]]) -> float:
-    """Return half of a 95 % interval, of variances with their degrees of freedom (Welch 1947)."""
+    """Return half of a 95 % interval, of variances with their degrees of freedom (Welch 1947).
+
+    It is 0 without any variance.
+    """
     variance = sum(variance for variance, _ in terms)
+    if variance == 0:
+        return 0.0
     freedom = variance**2 / sum(variance**2 / freedom for variance, freedom in terms)
     return float(stdtrit(freedom, 0.975) * np.sqrt(variance))
 

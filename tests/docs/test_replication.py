@@ -6,8 +6,10 @@ import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace as Names
 from typing import Any
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,6 +25,19 @@ def making() -> Iterator[Any]:
 def test_the_tables_are_what_the_committed_records_give(making: Any) -> None:
     page = making.PAGE.read_text(encoding="utf-8")
     assert making.page_with(page, making.all_tables()) == page
+
+
+def test_a_difference_is_of_the_same_presses(making: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def board(*presses: str) -> Any:
+        rows = {name: [Names(name=f"{name}{k}") for k in range(3)] for name in ("unet", "cnn")}
+        errors = {f"unet{k}": Names(press=["a", "b"], error=np.ones(2)) for k in range(3)}
+        errors |= {f"cnn{k}": Names(press=presses, error=np.zeros(2)) for k in range(3)}
+        return Names(row=lambda system: Names(records=rows[system.model]), errors=errors)
+
+    systems = making.System("unet"), making.System("cnn")
+    assert making._difference(board("a", "c"), *systems, "paper") == making.OTHER_PRESSES
+    cell = making._difference(board("a", "b"), *systems, "paper")
+    assert (cell.value, cell.interval) == (1.0, (1.0, 1.0))  # no variance, and no NaN
 
 
 def test_a_system_is_found_by_its_recipe_and_decoder(making: Any, fabricate: Any) -> None:
