@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Draw the pictures of boards and of the report that the docs show, from the committed records.
 
-python scripts/draw_report.py                # frontiers, heat map of hard cases, error case by case
+python scripts/draw_report.py                # frontiers, and hard cases case by case
 python scripts/draw_report.py --screenshots  # also the report in Chromium; needs playwright
 """
 
