@@ -404,7 +404,7 @@ class GrblRobot(Robot):
         """Stop all motion and close the port."""
         if self._open_link is None:
             return
-        with suppress(RobotError):
+        with suppress(Exception):  # another thread may have closed the port meanwhile
             if self._homing or self._may_move():
                 self._link.realtime(_HOLD)
                 self._link.realtime(_RESET)

@@ -163,6 +163,19 @@ def test_homing_ends_when_somebody_asks_to_stop(stage: ScriptedGrbl, keys: Make)
         time.sleep(0.01)
 
 
+def test_closing_never_raises(
+    stage: ScriptedGrbl, keys: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pyserial writes to no file when another thread closes its port meanwhile: a TypeError."""
+    robot = GrblRobot(keys(stage, home=True))
+    robot.connect()
+    link = robot._link
+    monkeypatch.setattr(link._port, "fd", None)
+    with pytest.raises(TypeError):
+        link.realtime(b"!")
+    robot.close()
+
+
 @pytest.fixture
 def port() -> Iterator[tuple[GrblLink, int]]:
     master, slave = os.openpty()
