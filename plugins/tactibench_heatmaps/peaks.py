@@ -224,7 +224,7 @@ def _fit_peaks(one, peaks, slope, base, half, free, stray):  # type: ignore[no-u
             _gauss_newton_step(
                 one, peaks, theta, k, rivals[k, : numbers[k]], half, slope, base, free, fitted[k]
             )
-        theta[:] = fitted
+        theta, fitted = fitted, theta
     for k in range(count):
         heat = peaks[k, 2]
         sharp = min(theta[k, 3], -1e-9)

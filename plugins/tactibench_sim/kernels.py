@@ -479,7 +479,8 @@ def _complementarity(matrix: Array, delta: Array, effective: Array) -> None:
         if (exact >= -1e-12).all():
             gap = matrix @ exact - delta
             if (gap > -1e-8).all():
-                effective[:] = np.maximum(exact, 0.0)
+                for i in range(len(delta)):
+                    effective[i] = max(exact[i], 0.0)
                 return
 
 
@@ -509,7 +510,7 @@ def side_frame(n: Array, frame: Array) -> None:
     sine = math.hypot(n[0], n[1])
     frame[0, 0], frame[0, 1], frame[0, 2] = n[0] * n[2] / sine, n[1] * n[2] / sine, -sine
     frame[1, 0], frame[1, 1], frame[1, 2] = -n[1] / sine, n[0] / sine, 0.0
-    frame[2] = n
+    frame[2, 0], frame[2, 1], frame[2, 2] = n[0], n[1], n[2]
 
 
 @jit
@@ -517,8 +518,9 @@ def pair_frame(first: Array, second: Array, frame: Array) -> None:
     """Fill the rows with e (from first to second), f, m (between). They must not coincide."""
     e, m = second - first, second + first
     e, m = e / math.sqrt((e * e).sum()), m / math.sqrt((m * m).sum())
-    frame[0], frame[2] = e, m
-    frame[1] = np.cross(m, e)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        frame[0, k], frame[1, k], frame[2, k] = e[k], m[i] * e[j] - m[j] * e[i], m[k]
 
 
 @jit

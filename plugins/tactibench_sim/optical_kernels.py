@@ -88,7 +88,8 @@ def _smooth(cover, taps, line):  # type: ignore[no-untyped-def]
         lines = cover if axis == 0 else cover.T
         for i in range(lines.shape[0]):
             last = lines.shape[1] - 1
-            line[:] = lines[i]
+            for j in range(last + 1):
+                line[j] = lines[i, j]
             for j in range(last + 1):
                 total = taps[half] * line[j]
                 for k in range(1, half + 1):
@@ -112,7 +113,9 @@ def light(x, y, radius, edge, glare, gain, levels, taps, cover):  # type: ignore
         cover: (H, W), filled.
     """
     one = cover.dtype.type(1)
-    cover[:] = glare
+    for i in range(cover.shape[0]):
+        for j in range(cover.shape[1]):
+            cover[i, j] = glare[i, j]
     splat(x, y, radius, edge, cover)
     for i in range(cover.shape[0]):
         for j in range(cover.shape[1]):

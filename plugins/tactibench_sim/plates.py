@@ -364,5 +364,7 @@ def _tips(pins, normal, along, pull, meridian, step, length):  # type: ignore[no
             angle = math.sqrt(turn_e * turn_e + turn_f * turn_f)
             share = 1.0 if angle < 1e-12 else math.sin(angle) / angle
             lever = b * math.cos(angle) + (turn_e * e + turn_f * f) * share
-            out[s, p] = INNER_MM * b - w * b + t * e + v * f - length * lever
+            for k in range(3):
+                tip = INNER_MM * b[k] - w * b[k] + t * e[k] + v * f[k] - length * lever[k]
+                out[s, p, k] = tip
     return out

@@ -537,8 +537,8 @@ def match_pins(layout, blobs, count, usable, shape, which, place):  # type: igno
         far = _border_shift(layout, mine, spot)
         if matched > best or (matched == best and far < best_far):
             best, best_far = matched, far
-            which[:] = mine
-            place[:] = spot
+            for p in range(pins):
+                which[p], place[p, 0], place[p, 1] = mine[p], spot[p, 0], spot[p, 1]
         if best >= ENOUGH * most and best_far < AT_HOME:
             break
     if best < pins:

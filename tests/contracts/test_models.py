@@ -47,6 +47,10 @@ OTHER_ARCHITECTURE: dict[str, list[tuple[str, str]]] = {
 TRAINS_AGAIN = ("seed", "input_unchanged")
 LEARNED = [name for name in NAMES if name in TINY]
 """Models that ``tactibench.training`` trains for some epochs."""
+TRAINED_OFTEN = [
+    pytest.param(name, marks=[] if name == "pins" else pytest.mark.long) for name in LEARNED
+]
+"""Names for tests that train two or three times."""
 
 
 @cache
@@ -89,7 +93,7 @@ def test_a_unet_learns_through_another_heat_encoder() -> None:
     assert not bad
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*sorted({*NAMES} - {*LEARNED}), *TRAINED_OFTEN])
 def test_the_callers_default_type_changes_neither_weights_nor_answers(
     name: str, tmp_path: Path
 ) -> None:
@@ -124,7 +128,7 @@ def saved(model: Model, folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", LEARNED)
+@pytest.mark.parametrize("name", TRAINED_OFTEN)
 def test_only_the_rng_that_is_handed_in_decides_the_weights(name: str, tmp_path: Path) -> None:
     short = other_subject(name, epochs="1")
     weights = []
@@ -150,7 +154,7 @@ class Stopping(NullProgress):
         raise StopError
 
 
-@pytest.mark.parametrize("name", LEARNED)
+@pytest.mark.parametrize("name", TRAINED_OFTEN)
 def test_a_training_that_was_stopped_goes_on_to_the_same_weights(name: str, tmp_path: Path) -> None:
     short = other_subject(name, epochs="2")
     whole = short.build()

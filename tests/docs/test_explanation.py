@@ -33,6 +33,7 @@ def test_the_table_is_what_the_committed_records_give(drawing: Any) -> None:
     assert drawing.with_table(page, ["| other |"]) != page
 
 
+@pytest.mark.long
 def test_the_pictures_are_drawn(drawing: Any, tmp_path: Path) -> None:
     drawing.misses_picture(tmp_path / "a.png", drawing.board_rows("exp3"))
     drawing.same_machine_picture(tmp_path / "b.png", drawing.board_rows("exp2"))

@@ -47,6 +47,7 @@ def test_every_model_has_a_row_to_draw(drawing: Any) -> None:
     assert rows["superpose"].name == newest.stem
 
 
+@pytest.mark.long
 def test_a_picture_is_drawn(drawing: Any, tmp_path: Path) -> None:
     drawing.draw_model("kernel", drawing.newest_rows(), tmp_path / "kernel.png")
     drawn = (tmp_path / "kernel.png").read_bytes()

@@ -29,6 +29,7 @@ def test_the_table_is_what_the_committed_records_give(drawing: Any) -> None:
     assert drawing.page_with(page, lines[1:]) != page
 
 
+@pytest.mark.long
 def test_the_picture_is_drawn(drawing: Any, tmp_path: Path) -> None:
     drawing.draw(drawing.read_lines(), tmp_path / "a.png")
     for path in (tmp_path / "a.png", ROOT / "docs" / "images" / "instances.png"):

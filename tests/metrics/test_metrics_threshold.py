@@ -54,6 +54,7 @@ def test_a_falling_curve_is_censored_by_its_level():
     assert (found.value, found.censored) == (6.5, "<")
 
 
+@pytest.mark.long
 def test_frames_of_one_press_widen_the_interval():
     distance, hits = exactly(expit(1.5 * (DISTANCES - 9)), 20)
     alone = fit_threshold(distance, hits, np.arange(len(hits)))
@@ -81,6 +82,7 @@ def checked(distance, hits, press=None, seed=0, **options):
     return checked_threshold(distance, hits, press, rng=np.random.default_rng(seed), **options)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lapse", [0.0, 0.08])
 def test_a_known_lapse_rate_is_recovered(lapse):
     curve, expected = lapsing(8.4, 1.7, lapse)
@@ -92,6 +94,7 @@ def test_a_known_lapse_rate_is_recovered(lapse):
     assert fit.goodness.p > 0.99
 
 
+@pytest.mark.long
 def test_against_a_general_optimiser_of_threshold_slope_and_lapse():
     curve, _ = lapsing(8.2, 1.1, 0.03)
     distance, hits = answers(curve, 100, np.random.default_rng(0))

@@ -174,6 +174,7 @@ def many():
     return single_presses(300, 1, instances=5)
 
 
+@pytest.mark.long
 @kernel_first
 def test_an_unseen_instance_is_read_by_its_own_rest_image(make_model, many, name, tmp_path):
     more = {"epochs": 60} if name == "pins" else {}

@@ -26,6 +26,7 @@ def test_a_sensor_that_says_nothing_changes_nothing() -> None:
     assert pressable(KEYS, Shaped()) == KEYS
 
 
+@pytest.mark.long
 def test_presses_of_a_flat_pad_are_as_deep_as_it_can_be_pressed() -> None:
     flat = pressable(KEYS, Shaped(math.inf, 3.0))
     scenes = draw_scenes(flat, "triples").scenes

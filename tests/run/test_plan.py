@@ -202,6 +202,7 @@ def test_no_card_is_certain_without_torch(tmp_path: Path) -> None:
     assert choose_device("cpu") == "cpu"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(cuda_possible(), reason="a card may be there: torch has to be asked")
 def test_planning_imports_neither_torch_nor_the_metrics(tmp_path: Path) -> None:
     code = (

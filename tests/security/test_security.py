@@ -56,6 +56,7 @@ def _dangers(tree: ast.AST) -> Iterator[str]:
             yield f"{called} unpacks an archive"
 
 
+@pytest.mark.long
 def test_nothing_is_unpickled_run_as_text_or_unpacked() -> None:
     found = [
         f"{path.relative_to(ROOT)}: {danger}"
@@ -111,6 +112,7 @@ def test_list_hears_the_hooks_and_imports_nothing_that_they_name(
     assert marks_after(stranger, "-m", "tactibench", "list", "models") == ["hooks"]
 
 
+@pytest.mark.long
 def test_verify_imports_no_model(
     stranger: tuple[Path, dict[str, str], Path],
 ) -> None:

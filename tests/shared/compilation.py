@@ -1,6 +1,6 @@
 """Compile numba's loops once, before the test processes start; each would compile them anew.
 
-Two processes share the work: the dome's loops take about as long as all others together.
+Two processes share the work: mechanics take about as long as all that reads frames.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-SIMULATOR = """
+MECHANICS = """
 import numpy as np
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.plugins.host import PluginHost
+from tactibench.superposition import Field, solve
 
 sensors = PluginHost().sensors
 several = (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0)))
@@ -26,14 +27,20 @@ with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) 
 rough = spec.settings({"friction": "0.5"})
 with spec.load()(SensorContext(np.random.SeedSequence(1)), **rough) as sensor:
     sensor.press(Scene(several[0], Pose(depth=2.0, dx=1.0)))
+for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Indenter.plate())):
+    spec = sensors[name]
+    with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+        sensor.press(Scene(indenter, Pose(depth=2.0)))
+rng = np.random.default_rng(1)
+field = Field.learn(rng.uniform(1, 5, (20, 3)), rng.normal(size=(20, 8)))
+solve(field, rng.normal(size=(1, 8)), np.ones((1, 1, 3)), np.ones(8))
 """
 READERS = """
 import numpy as np
 from drawn_pins import presses
-from tactibench import Contacts, Grid, Indenter, Pose, Scene, SensorContext
+from tactibench import Contacts, Grid
 from tactibench.markers import PinTracker, pin_graph
 from tactibench.plugins.host import PluginHost
-from tactibench.superposition import Field, solve
 
 grid = Grid.centred(64, 0.4)
 contacts = Contacts.truth([[0.0, 1.0]], [2.0])
@@ -47,28 +54,29 @@ frames, _ = presses(4, seed=1)
 tracker = PinTracker(frames[0].rest)
 images = tracker.images(frames)
 xy, _ = tracker.track(images)
+pin_graph(tracker.rest)
 tracker.retrack(images, xy)
-rng = np.random.default_rng(1)
-field = Field.learn(rng.uniform(1, 5, (20, 3)), rng.normal(size=(20, 8)))
-solve(field, rng.normal(size=(1, 8)), np.ones((1, 1, 3)), np.ones(8))
-for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Indenter.plate())):
-    spec = PluginHost().sensors[name]
-    with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
-        sensor.press(Scene(indenter, Pose(depth=2.0)))
 """
 
 SCRIPTS = {
-    "plugins/tactibench_sim/friction.py": SIMULATOR,
-    "tactibench/markers/tracker.py": READERS,
+    MECHANICS: ("plugins/tactibench_sim", "tactibench/superposition"),
+    READERS: ("plugins/tactibench_heatmaps", "tactibench/markers"),
 }
-"""A module whose loops are compiled last -> what compiles it."""
+"""A script -> packages whose loops it compiles."""
 
 
-def is_compiled(source: Path) -> bool:
-    """Whether numba's cache beside a module is at least as new as the module."""
-    indices = (source.parent / "__pycache__").glob(f"{source.stem}.*.nbi")
-    newest = max((index.stat().st_mtime for index in indices), default=0.0)
-    return newest > source.stat().st_mtime
+def is_compiled(package: Path) -> bool:
+    """Whether numba's cache of a package is newer than all its modules; else it is removed.
+
+    numba looks at the file of a loop only: one that calls loops of a changed file would stay.
+    """
+    cached = [*(package / "__pycache__").glob("*.nb[ic]")]
+    changed = max(source.stat().st_mtime for source in package.glob("*.py"))
+    if cached and min(file.stat().st_mtime for file in cached) > changed:
+        return True
+    for file in cached:
+        file.unlink()
+    return False
 
 
 def compile_loops() -> None:
@@ -81,8 +89,8 @@ def compile_loops() -> None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        for slowest, script in SCRIPTS.items()
-        if not is_compiled(ROOT / slowest)
+        for script, packages in SCRIPTS.items()
+        if not all(map(is_compiled, map(ROOT.joinpath, packages)))
     ]
     for process in running:
         process.wait()

@@ -160,9 +160,8 @@ def test_an_even_shift_of_all_pins_is_no_spread():
     np.testing.assert_allclose(spread_of(2 * square), [2.0])
 
 
-@pytest.mark.parametrize(
-    ("name", "pivot"), [pytest.param("331", 20.0, marks=pytest.mark.long), ("127", 0.0)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "pivot"), [("331", 20.0), ("127", 0.0)])
 def test_public_recordings(name, pivot, monkeypatch):
     monkeypatch.setattr(pivot_module, "MOST", 100)
     recording = open_recording(tac_vgnn_folder(name))
