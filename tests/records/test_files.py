@@ -53,7 +53,7 @@ def test_a_failed_write_changes_nothing(
 
 
 def test_a_reader_sees_the_old_file_until_the_new_one_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "below" / "file"
+    path = tmp_path / "far" / "below" / "file"
     with atomic(path) as stream:
         stream.write(b"one")
     with atomic(path) as stream:
