@@ -39,6 +39,10 @@ def flip(path: Path, at: int = -20) -> None:
     path.write_bytes(data)
 
 
+def png(pixels: np.ndarray) -> bytes:
+    return bytes(cv2.imencode(".png", pixels)[1])
+
+
 def skin_header(shape: tuple[int, ...] = (15,)) -> Header:
     return Header("skin", {"name": "skin"}, signal=shape, dome_radius_mm=math.inf)
 
@@ -217,6 +221,8 @@ def test_folders_that_take_no_writer(closed_set: Path, open_set: Path, tmp_path:
         ({"signal": np.zeros((9, 8), np.uint8)}, r"sample 8 .*shape \(9, 8\) and type uint8"),
         ({"signal": np.zeros((9, 7), np.float32)}, "type float32"),
         ({"signal": b"no picture"}, "not a PNG"),
+        ({"signal": png(np.zeros((9, 7), np.uint16))}, "not an 8-bit 9x7 gray PNG without alpha"),
+        ({"signal": png(np.zeros((9, 8), np.uint8))}, "not an 8-bit 9x7 gray PNG without alpha"),
     ],
 )
 def test_what_cannot_come_back_is_refused_and_leaves_nothing(
