@@ -104,7 +104,8 @@ class GrblLink:
             import serial
         except ImportError:
             raise missing_package("pyserial", "serial") from None
-        self._errors: tuple[type[Exception], ...] = (serial.SerialException, OSError)
+        # A TypeError: pyserial reads from no file where another thread closed its port meanwhile.
+        self._errors: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
         self._offset = (0.0, 0.0, 0.0)
         self.last = Status("", (0.0, 0.0, 0.0))
         self.alarm = 0
@@ -404,7 +405,7 @@ class GrblRobot(Robot):
         """Stop all motion and close the port."""
         if self._open_link is None:
             return
-        with suppress(Exception):  # another thread may have closed the port meanwhile
+        with suppress(RobotError):
             if self._homing or self._may_move():
                 self._link.realtime(_HOLD)
                 self._link.realtime(_RESET)

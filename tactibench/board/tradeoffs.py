@@ -254,10 +254,10 @@ def curves(rows: Iterable[Row], error: Ranking) -> list[Curve]:
         for label, same_label in by_label.items()
         if len(same_label) > 1
     ]
-    return sorted(found, key=_place)
+    return sorted(found, key=_last_error)
 
 
-def _place(curve: Curve) -> tuple[float, str]:
+def _last_error(curve: Curve) -> tuple[float, str]:
     last = curve.steps[-1].error
     return math.inf if last is None else last.value, curve.label
 
@@ -314,7 +314,7 @@ def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) ->
             curves.append(
                 Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in complete))
             )
-    return sorted(curves, key=_place)
+    return sorted(curves, key=_last_error)
 
 
 def _as_made(record: Record) -> bool:

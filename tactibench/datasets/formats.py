@@ -27,13 +27,7 @@ from tactibench.datasets.labels import (
     scenes_of,
     tip_columns,
 )
-from tactibench.datasets.options import (
-    AUTO,
-    FRAME_FOLDERS,
-    NONE,
-    REFUSE,
-    ImportOptions,
-)
+from tactibench.datasets.options import AUTO, FRAME_FOLDERS, NONE, REFUSE, ImportOptions
 from tactibench.datasets.recording import FloatArray, Recording, prepare_frames
 from tactibench.datasets.schema import is_dataset
 from tactibench.datasets.tables import Table, read_table

@@ -287,8 +287,11 @@ def test_missing_and_damaged_files(submitted, source, tmp_path) -> None:
         verify(tmp_path / "nothing.json", source)
 
 
-@pytest.mark.parametrize("rows", [10**7, 10**15])
-def test_ten_million_rows_are_refused_unread(submitted, source, rows) -> None:
+@pytest.mark.parametrize(
+    ("rows", "says"),
+    [(10**7, "67,108,864 bytes that answers may take"), (10**15, "is no archive of arrays")],
+)
+def test_ten_million_rows_are_refused_unread(submitted, source, rows, says) -> None:
     """Both a true array and a header that only claims its size."""
     path = submitted()
     header = io.BytesIO()
@@ -297,9 +300,7 @@ def test_ten_million_rows_are_refused_unread(submitted, source, rows) -> None:
     body = bytes(8 * rows) if rows == 10**7 else b""
     with zipfile.ZipFile(answers_file(path), "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("depth.npy", header.getvalue() + body)
-    with pytest.raises(
-        UserError, match=r"67,108,864 bytes that answers may take|is no archive of arrays"
-    ):
+    with pytest.raises(UserError, match=says):
         verify(path, source)
 
 

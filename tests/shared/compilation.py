@@ -65,18 +65,18 @@ SCRIPTS = {
 """A script -> packages whose loops it compiles."""
 
 
-def is_compiled(package: Path) -> bool:
-    """Whether numba's cache of a package is newer than all its modules; else it is removed.
+def drop_stale_loops(package: Path) -> bool:
+    """Remove numba's cache of a package with a newer module; return whether there is none now.
 
     numba looks at the file of a loop only: one that calls loops of a changed file would stay.
     """
     cached = [*(package / "__pycache__").glob("*.nb[ic]")]
     changed = max(source.stat().st_mtime for source in package.glob("*.py"))
     if cached and min(file.stat().st_mtime for file in cached) > changed:
-        return True
+        return False
     for file in cached:
         file.unlink()
-    return False
+    return True
 
 
 def compile_loops() -> None:
@@ -90,7 +90,7 @@ def compile_loops() -> None:
             stderr=subprocess.DEVNULL,
         )
         for script, packages in SCRIPTS.items()
-        if not all(map(is_compiled, map(ROOT.joinpath, packages)))
+        if [name for name in packages if drop_stale_loops(ROOT / name)]  # each is looked at
     ]
     for process in running:
         process.wait()

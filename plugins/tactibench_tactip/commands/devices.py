@@ -76,7 +76,8 @@ def _look_at_camera(settings: Settings) -> Iterator[tuple[str, str]]:
         warm_up(camera, settings)
         # Not before: the first frames of a stream wait in its buffer and come all at once.
         timed = camera.fresh(time.monotonic_ns(), 30)
-        yield "frames", f"{29e9 / (timed[-1].t_ns - timed[0].t_ns):.1f} a second"
+        seconds = (timed[-1].t_ns - timed[0].t_ns) / 1e9
+        yield "frames", f"{(len(timed) - 1) / seconds:.1f} a second"
         rest = Reference.of(frames)
         yield "brightness", f"{rest.brightness:.1f} grey levels, steady; noise {rest.between:.2f}"
         rest.check_pins(settings.sensor)
