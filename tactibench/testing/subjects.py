@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
 from tactibench.contacts import Answer, Contacts, Frame, Grid, Indenter, PlatePose, Pose, Scene
 from tactibench.errors import (
@@ -690,23 +691,25 @@ def as_json(value: object, what: str) -> str:
 def difference(first: Sequence[Answer | None], second: Sequence[Answer | None]) -> float:
     """Return the largest difference between two lists of answers, in mm, deg and score.
 
-    It is inf where two answers differ in kind or number of contacts.
+    Contacts of a frame are matched, in whatever order they are given. It is inf where two answers
+    differ in kind or number of contacts.
     """
     worst = 0.0
     for answer, other in zip(first, second, strict=True):
         a, b = _numbers(answer), _numbers(other)
         if a.shape != b.shape:
             return float("inf")
-        worst = max([worst, *np.abs(a - b).ravel().tolist()])
+        apart = np.abs(a[:, None] - b).max(axis=2, initial=0.0)
+        worst = max([worst, *apart[linear_sum_assignment(apart)].tolist()])
     return worst
 
 
 def _numbers(answer: Answer | None) -> npt.NDArray[np.float64]:
-    """Return an answer as numbers, without its std."""
+    """Return an answer as rows of numbers, without its std: a row a contact, or one of a plate."""
     if answer is None:
-        return np.empty(0)
+        return np.empty((0, 0))
     if isinstance(answer, PlatePose):
-        return np.array([answer.depth, answer.tilt])
+        return np.array([[answer.depth, answer.tilt]])
     return np.column_stack([answer.xy, answer.depth, answer.score])
 
 

@@ -179,6 +179,23 @@ def test_a_broken_one_is_caught(
     assert finding.message
 
 
+@pytest.mark.parametrize(("first", "outcome"), [([1, 0], PASSED), ([0], FAILED)])
+def test_answers_are_sets_of_contacts(
+    host: Any, target: Any, first: list[int], outcome: str
+) -> None:
+    """Those of a frame alone come in another order, or lack one."""
+
+    def change(answers: list[Any], _: Any) -> list[Any]:
+        both = np.array([[0.0, 0.0], [5.0, 1.0]])
+        pairs = [Contacts(a.xy + both, np.array([2.0, 3.0]), np.ones(2)) for a in answers]
+        rows = first if len(answers) == 1 else [0, 1]
+        return [Contacts(a.xy[rows], a.depth[rows], a.score[rows]) for a in pairs]
+
+    built = host("model", answering(change)(target("model")), max_contacts=2)
+    subject = subject_of("model", "good_model", host=built, parameters=SMALL)
+    assert examine(PROPERTIES["batch"], subject).outcome == outcome
+
+
 def test_a_model_that_does_not_train_is_reported_once(host: Any, target: Any) -> None:
     built = host("model", changing("fit", does_not_train)(target("model")))
     subject = subject_of("model", "good_model", host=built, parameters=SMALL)
