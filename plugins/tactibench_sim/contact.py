@@ -36,12 +36,14 @@ class Tips:
         radius: (S,) radii, mm; inf for a plate.
         move: (S, K, 2) ways that tips moved sideways after they touched, to where they are, mm;
             None: no tip moved.
+        friction: (S,) coefficients of friction; None: that of the mechanics.
     """
 
     xy: Array
     depth: Array
     radius: Array
     move: Array | None = None
+    friction: Array | None = None
 
     def __len__(self) -> int:
         return len(self.radius)
@@ -49,7 +51,8 @@ class Tips:
     def take(self, rows: npt.NDArray[np.intp]) -> Tips:
         """Return some of the scenes."""
         move = None if self.move is None else self.move[rows]
-        return Tips(self.xy[rows], self.depth[rows], self.radius[rows], move)
+        friction = None if self.friction is None else self.friction[rows]
+        return Tips(self.xy[rows], self.depth[rows], self.radius[rows], move, friction)
 
     def directions(self) -> tuple[Array, Array]:
         """Return n (S, K, 3) and delta (S, K); a missing tip gets delta -inf."""

@@ -28,7 +28,16 @@ from scipy.interpolate import CubicSpline
 from tactibench import UserError
 from tactibench_sim.compiled import plain
 from tactibench_sim.contact import Tips, check_reach
-from tactibench_sim.kernels import Around, Array, Index, Meridians, Pairs, couple, displace
+from tactibench_sim.kernels import (
+    Around,
+    Array,
+    Index,
+    Meridians,
+    Pairs,
+    couple,
+    displace,
+    push_aside,
+)
 from tactibench_sim.tables import LARGEST_MM, SMALLEST_MM, Corrections, Table, Tables, tip_tables
 
 TIERS = ("coupled", "superpose")
@@ -174,6 +183,10 @@ class TableMechanics:
         """
         return _joined(loads, _forces)
 
+    def push_aside(self, loads: tuple[Loads, ...]) -> Array:
+        """Return (S, K, 3) mm: how far the others' normal loads move the outer skin under a tip."""
+        return _joined(loads, _push_aside)
+
     def displacement(self, loads: tuple[Loads, ...], directions: Array) -> tuple[Array, Array]:
         """Return the displacement of pin bases, mm, and the turn of their normals, rad.
 
@@ -209,6 +222,12 @@ def _forces(loads: Loads) -> Array:
     index = np.broadcast_to(loads.table[:, None, None], (*loads.shape.shape, 1))
     single = np.take_along_axis(tabulated, index, 2)
     out: Array = loads.amplitude * np.maximum(single[..., 0], 0.0)
+    return out
+
+
+def _push_aside(loads: Loads) -> Array:
+    skin = loads.splines.outer.singles
+    out: Array = push_aside(skin, loads.table, loads.n, loads.amplitude, loads.shape)
     return out
 
 

@@ -25,7 +25,7 @@ the tip moves by the compliance times the force.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -48,6 +48,7 @@ friction that can pull a light contact is small, whatever the skin does for each
 QUANTITIES = 5
 DEPTH_NODES, POLAR_STEP_DEG = 65, 0.5
 """Fineness of the tables that are looked up linearly."""
+STEPS = 4
 _ROUNDS = 200
 _SETTLED = 1e-9
 """Change of a sideways force, E_skin mm^2, at which the forces of several tips are settled."""
@@ -366,57 +367,53 @@ class FrictionMechanics:
         """Solve for how the tips share the load and how far the skin follows them.
 
         Raises:
-            UserError: The mechanics without friction cannot press one of the scenes, or a tip that
-                moves has no tables of drag or is too deep for them.
+            UserError: The mechanics without friction cannot press one of the scenes, or a tip has
+                no tables of drag or is too deep for them.
         """
-        pressed = self.frictionless.loads(tips)
-        if tips.move is None:
-            return DraggedLoads(pressed, ())
         n, delta = tips.directions()
-        moving = (tips.move != 0).any(axis=(1, 2)) & (delta > 0).any(axis=1)
-        if not moving.any():
-            return DraggedLoads(pressed, ())
-        rows_of = {
-            float(radius): np.flatnonzero(moving & (tips.radius == radius))
-            for radius in np.unique(tips.radius[moving])
-        }
-        pulls, behind = self._pull(tips, n, delta, self.frictionless.forces(pressed), rows_of)
-        # Raised skin changes the forces that limit the pulls. Solving again for them would cost a
-        # third more and take 0.02 to 0.04 mm off the error of moved pairs alone.
-        return DraggedLoads(self.frictionless.loads(behind), pulls)
-
-    def _pull(
-        self, tips: Tips, n: Array, delta: Array, forces: Array, rows_of: Mapping[float, Index]
-    ) -> tuple[tuple[Pull, ...], Tips]:
-        """Return the pulls of tips under normal forces (S, K), and the tips as they press then."""
-        assert tips.move is not None  # noqa: S101 - the caller has looked
+        rubbing = (delta > 0).any(axis=1)
         pulls, followed, raised = [], np.zeros_like(n), np.zeros_like(delta)
-        for radius, rows in rows_of.items():
+        for radius in np.unique(tips.radius[rubbing]).tolist():
+            rows = np.flatnonzero(rubbing & (tips.radius == radius))
             table = tip_drag(radius)
-            at, depth = n[rows], delta[rows]
+            depth = delta[rows]
             if (depth > table.deepest + SLACK).any():
                 raise UserError(
-                    f"a tip of R = {radius:g} mm moves sideways {depth.max():.2f} mm deep; its "
-                    f"tables of drag end at {table.deepest:g} mm: press less deep, or leave "
-                    "sensor.friction out."
+                    f"a tip of R = {radius:g} mm rubs {depth.max():.2f} mm deep; its drag tables "
+                    f"end at {table.deepest:g} mm: press less deep, or leave sensor.friction out."
                 )
-            force, skin, up = share_pull(
-                table.outer,
-                table.depth_step,
-                table.polar_step,
-                at,
-                depth,
-                _tangential(tips.move[rows], at),
-                self.friction * forces[rows],
-                table.compliance_at(depth.clip(0.0)),
-            )
+            force, skin, up = self._rub(tips.take(rows), table)
             raised[rows] = np.minimum(up, (table.deepest - depth).clip(0.0))  # the tables end
             if math.isfinite(radius):  # a plate touches where its normal says, however it slides
                 followed[rows] = np.where(depth[..., None] > 0, skin, 0.0)
             pulls.append((rows, table, force))
         behind = _behind(tips, n, delta, followed, raised)
         at, deep = behind.directions()
-        return tuple(Pull(rows, table, at[rows], deep[rows], f) for rows, table, f in pulls), behind
+        return DraggedLoads(
+            self.frictionless.loads(behind),
+            tuple(Pull(rows, table, at[rows], deep[rows], force) for rows, table, force in pulls),
+        )
+
+    def _rub(self, tips: Tips, table: TipDrag) -> tuple[Array, Array, Array]:
+        """Return forces, ways of the skin and its rise of tips of one radius, as ``share_pull``."""
+        force = followed = others = aside = None
+        friction = self.friction if tips.friction is None else tips.friction[:, None]
+        for step, travel, part in steps_of(tips):
+            n, delta = step.directions()
+            loads = self.frictionless.loads(step)
+            limit = friction * self.frictionless.forces(loads)
+            soft = table.compliance_at(delta.clip(0.0))
+            pushed = self.frictionless.push_aside(loads)
+            way = _along(travel, n)
+            if force is not None:
+                way += _along(_way_to(force, limit, soft) + others - part * (pushed - aside), n)
+            else:
+                way -= part * pushed
+            force, followed, raised = share_pull(
+                table.outer, table.depth_step, table.polar_step, n, delta, way, limit, soft
+            )
+            others, aside = followed - soft[..., None] * force, pushed
+        return force, followed, raised
 
     def displacement(self, loads: DraggedLoads, directions: Array) -> tuple[Array, Array]:
         """Return displacement of pin bases, mm, and turn of their normals, rad, each (S, P, 3)."""
@@ -444,11 +441,54 @@ class FrictionMechanics:
         return self.frictionless.forces(loads.pressed)
 
 
-def _tangential(move: Array, n: Array) -> Array:
-    """Return the parts (S, K, 3) of horizontal moves (S, K, 2) along the dome's skin at n."""
-    flat = np.concatenate([move, np.zeros((*move.shape[:-1], 1))], axis=-1)
-    out: Array = flat - (flat * n).sum(axis=-1, keepdims=True) * n
+def steps_of(tips: Tips) -> Iterator[tuple[Tips, Array, Array]]:
+    """Yield the tips step by step on the way to where they are: down, then sideways.
+
+    Yields:
+        The tips; (S, K, 3) ways of each tip since the step before and its first touch, mm; and
+        (S, K, 1) the part of the step in which it touched.
+    """
+    plate = np.isinf(tips.radius)[:, None]
+    depth = tips.depth if tips.move is None else _depth_before(tips)
+    xy = tips.xy if tips.move is None else tips.xy - np.where(plate[..., None], 0.0, tips.move)
+    deepest = depth.max(axis=1, keepdims=True).clip(0.0)
+    before = np.zeros_like(depth)
+    for number in range(1, STEPS + 1):
+        step = Tips(xy, depth - deepest * (1 - number / STEPS), tips.radius)
+        down = step.depth.clip(0.0) - before
+        before = step.depth.clip(0.0)
+        part = np.divide(STEPS * down, deepest, out=np.zeros_like(down), where=deepest > 0)
+        upright = np.where(plate, step.directions()[0][..., 2], 1.0)  # a plate's depth is normal
+        travel = np.zeros((*down.shape, 3))
+        travel[..., 2] = -down / upright
+        yield step, travel, part[..., None]
+    if tips.move is not None:
+        travel = np.concatenate([tips.move, np.zeros((*tips.move.shape[:-1], 1))], axis=-1)
+        yield Tips(tips.xy, tips.depth, tips.radius), travel, np.ones((*depth.shape, 1))
+
+
+def _depth_before(tips: Tips) -> Array:
+    """Return the (S, K) depths before the tips moved sideways, at one height."""
+    reach = DOME_RADIUS_MM + np.where(np.isfinite(tips.radius), tips.radius, 0.0)[:, None]
+    now, then = (
+        np.sqrt(np.maximum(reach**2 - (xy**2).sum(axis=-1), 0.0))
+        for xy in (tips.xy, tips.xy - tips.move)
+    )
+    return np.where(np.isfinite(tips.radius)[:, None], tips.depth + then - now, tips.depth)
+
+
+def _along(ways: Array, n: Array) -> Array:
+    """Return the parts (S, K, 3) of ways along the dome's skin at n."""
+    out: Array = ways - (ways * n).sum(axis=-1, keepdims=True) * n
     return out
+
+
+def _way_to(force: Array, limit: Array, compliance: Array) -> Array:
+    """Return the ways (S, K, 3), mm, after which tips that slide from rest have these forces."""
+    size = np.linalg.norm(force, axis=-1)
+    used = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0).clip(0.0, 1.0)
+    way = _TO_SLIP * limit * compliance * (1.0 - (1.0 - used) ** (1 / _TO_SLIP))
+    return force * np.divide(way, size, out=np.zeros_like(size), where=size > 0)[..., None]
 
 
 def _behind(tips: Tips, n: Array, delta: Array, followed: Array, raised: Array) -> Tips:

@@ -33,6 +33,10 @@ REACH_MM = 1.0
 POWER = 1.5
 """Exponent with which a pair's correction fades with its loads; fitted to two runs of triples 8 mm
 apart."""
+FADE_RAD = math.radians(20.0)
+"""Angle beyond the rim over which the turn of a normal ends. A pin at the far rim stands about so
+far beyond a quarter turn from a contact 20 deg off the apex; finite elements show a turn there that
+falls steadily."""
 _ROUNDS = 60  # two or three are enough, unless a bulge lifts a tip
 _SHALLOW = 1e-6  # depth, mm, whose shape is taken for a tip that does not press yet
 _REGULAR = 1e-10  # splits the load of exactly coincident tips evenly
@@ -144,7 +148,10 @@ def at_depth(table: Meridians, indenter: int, depth: float, scale: float, out: A
 
 @jit
 def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float:
-    """Return one quantity at an angle; zero beyond the last node (the clamped rim).
+    """Return one quantity at an angle.
+
+    Beyond the last node, which is the clamped rim of a press at the apex, it fades to zero over
+    FADE_RAD: the skin ends its motion there, but not the turn of its normal.
 
     Args:
         meridian: (T, 2 Q) quantities, each with its slope.
@@ -153,12 +160,13 @@ def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float
         quantity: Index of the quantity.
     """
     at = polar / step
-    last = meridian.shape[0] - 1
+    last, k = meridian.shape[0] - 1, 2 * quantity
     if at > last:
-        return 0.0
+        beyond = min((polar - last * step) / FADE_RAD, 1.0)
+        a, b, c, d = hermite(beyond, FADE_RAD)
+        return a * meridian[last, k] + b * meridian[last, k + 1]
     left = min(int(at), last - 1)
     a, b, c, d = hermite(at - left, step)
-    k = 2 * quantity
     value: float = (
         a * meridian[left, k]
         + b * meridian[left, k + 1]
@@ -169,8 +177,8 @@ def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float
 
 
 @jit
-def depression(table: Meridians, indenter: int, depth: float, polar: float) -> float:
-    """Return the first quantity (inward displacement, mm) at a depth, mm, and an angle, rad."""
+def quantity_at(table: Meridians, indenter: int, depth: float, polar: float, q: int) -> float:
+    """Return quantity q of an indenter at a depth, mm, and an angle, rad; 0: inward, mm."""
     at, up = polar / table.polar_step, depth / table.depth_step
     last = table.value.shape[2] - 1
     if at > last:
@@ -181,10 +189,38 @@ def depression(table: Meridians, indenter: int, depth: float, polar: float) -> f
     total = 0.0
     for k in range(2):
         for slope in range(2):
-            node = wd[0] * value[row, t + k, slope] + wd[1] * rate[row, t + k, slope]
-            node += wd[2] * value[row + 1, t + k, slope] + wd[3] * rate[row + 1, t + k, slope]
+            c = 2 * q + slope
+            node = wd[0] * value[row, t + k, c] + wd[1] * rate[row, t + k, c]
+            node += wd[2] * value[row + 1, t + k, c] + wd[3] * rate[row + 1, t + k, c]
             total += wa[2 * k + slope] * node
     return total
+
+
+@jit
+def push_aside(skin: Meridians, table: Index, n: Array, amplitude: Array, shape: Array) -> Array:
+    """Return (S, K, 3) mm: how far the normal loads of the others move the skin under each tip.
+
+    It is the motion along the skin, without the corrections of the rim and of pairs.
+
+    Args:
+        skin: Fields of the outer skin.
+        table: (S,) indices of the indenters.
+        n: (S, K, 3) directions of the tips.
+        amplitude: (S, K) amplitudes a.
+        shape: (S, K) shape depths s, mm.
+    """
+    out = np.zeros(n.shape)
+    for s in range(len(n)):
+        for i in range(n.shape[1]):
+            for j in range(n.shape[1]):
+                if j == i or amplitude[s, j] == 0.0:
+                    continue
+                a, b = n[s, j], n[s, i]
+                cosine = min(max(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], -1.0), 1.0)
+                t = quantity_at(skin, table[s], shape[s, j], math.acos(cosine), 1)
+                for k in range(3):
+                    out[s, i, k] += amplitude[s, j] * t * (b[k] * cosine - a[k])
+    return out
 
 
 @jit
@@ -448,10 +484,10 @@ def _share(
     for _ in range(_ROUNDS):
         for j in range(count):
             depth = max(shape[j], _SHALLOW)
-            under = depression(skin, table, depth, 0.0)
+            under = quantity_at(skin, table, depth, 0.0, 0)
             for i in range(count):
                 angle = math.acos(min(max((n[i] * n[j]).sum(), -1.0), 1.0))
-                matrix[i, j] = depression(skin, table, depth, angle) / under
+                matrix[i, j] = quantity_at(skin, table, depth, angle, 0) / under
         _complementarity(matrix, delta - extra, effective)
         grown = np.maximum(delta, 0.0)
         for i in range(count):
