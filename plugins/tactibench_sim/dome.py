@@ -41,6 +41,10 @@ from tactibench_sim.kernels import (
 from tactibench_sim.tables import LARGEST_MM, SMALLEST_MM, Corrections, Table, Tables, tip_tables
 
 TIERS = ("coupled", "superpose")
+RIM_PER_MM = 0.12
+"""How the clamped rim stiffens the dome towards it. By finite elements the force of a tip of R = 3
+mm 40 deg from the apex is 1 % above that at the apex 1 mm deep and 4 % 6 mm deep; at 55 deg, 2 and
+13 %. The term is within 1 % of them."""
 _KEPT = 16
 """Number of radii whose splines stay in memory; a protocol presses tips of a few radii."""
 
@@ -178,8 +182,9 @@ class TableMechanics:
     def forces(self, loads: tuple[Loads, ...]) -> Array:
         """Return the (S, K) normal force of every tip, in units of the skin's modulus times mm^2.
 
-        A tip of amplitude a and shape depth s carries a F(s), with F the tabulated force of a
-        single contact at the apex; 0 where it carries nothing.
+        A tip of amplitude a and shape depth s carries a F(s) (1 + RIM s (1 - cos b)^2), with F the
+        tabulated force of a single contact at the apex and b the tip's angle from it; 0 where it
+        carries nothing.
         """
         return _joined(loads, _forces)
 
@@ -220,8 +225,9 @@ class TableMechanics:
 def _forces(loads: Loads) -> Array:
     tabulated = loads.splines.force_of(loads.shape)
     index = np.broadcast_to(loads.table[:, None, None], (*loads.shape.shape, 1))
-    single = np.take_along_axis(tabulated, index, 2)
-    out: Array = loads.amplitude * np.maximum(single[..., 0], 0.0)
+    single = np.take_along_axis(tabulated, index, 2)[..., 0]
+    stiffer = 1 + RIM_PER_MM * loads.shape * (1 - loads.n[..., 2]) ** 2
+    out: Array = loads.amplitude * np.maximum(single, 0.0) * stiffer
     return out
 
 

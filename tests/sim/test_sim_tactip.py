@@ -1,5 +1,7 @@
 """The simulated TacTip: what a press changes, lost pins, refusals, surface, forces, tables."""
 
+import math
+
 import numpy as np
 import pytest
 from fem_script import write_tables
@@ -125,6 +127,25 @@ def test_a_single_contact_at_a_node_carries_what_the_table_says(tactip):
     for node in (1, 4, 8, 24, 48):
         force = tactip.forces(Scene(SINGLE, Pose(depth=TABLE.delta[node])))
         assert force == pytest.approx([TABLE.fields["force"][node]], rel=1e-12)
+
+
+FINITE_ELEMENTS = {
+    0: (0.175, 0.588, 1.792),
+    20: (0.175, 0.594, 1.802),
+    40: (0.177, 0.601, 1.859),
+    55: (0.179, 0.631, 2.028),
+}
+"""Polar angle, deg -> forces 1, 3 and 6 mm deep, by the three-dimensional model of scripts/fem,
+which is 1 % stiffer than the tables at the apex."""
+
+
+@pytest.mark.parametrize("polar", FINITE_ELEMENTS)
+def test_forces_off_the_apex_are_those_of_finite_elements(tactip, polar):
+    for depth, force in zip((1.0, 3.0, 6.0), FINITE_ELEMENTS[polar], strict=True):
+        away = 23 - depth  # the penetration is along the line to the dome's centre
+        x, z = away * math.sin(math.radians(polar)), away * math.cos(math.radians(polar))
+        down = math.sqrt(23**2 - x**2) - z
+        assert tactip.forces(Scene(SINGLE, Pose(x, depth=down))) == pytest.approx([force], rel=0.02)
 
 
 def test_tips_at_one_place_carry_together_what_one_carries(tactip):
