@@ -51,6 +51,7 @@ from .kernels import at_polar as at_polar
 from .kernels import depression as depression
 from .kernels import look_up as look_up
 from .kernels import pair_amounts as pair_amounts
+from .optical_kernels import blurred_disc as blurred_disc
 from .optical_kernels import expose as expose
 from .optical_kernels import sfc64 as sfc64
 from .optical_kernels import slope_per_mm as slope_per_mm
@@ -80,6 +81,7 @@ from .renderer import Renderer as Renderer
 from .renderer import gaussian_taps as gaussian_taps
 from .renderer import glare as glare
 from .renderer import normal_table as normal_table
+from .renderer import pixels as pixels
 from .renderer import project as project
 from .renderer import streams as streams
 from .renderer import vignetting as vignetting

@@ -5,22 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tactibench import Parameter, UserError
-
-if TYPE_CHECKING:  # parameters are listed without numpy
-    import numpy as np
-    import numpy.typing as npt
-
-    Grey = npt.NDArray[np.floating]
 
 NUISANCES = ("shift", "roll", "zoom", "brightness", "background", "blur")
 """Properties of the camera that ``bounds`` may take as unknown: shift in its plane; turn about its
 axis; magnification; a gain of all grey levels; an offset of all grey levels; focus."""
 WHITE = 255
-ROUNDING = 1 / 12
-"""Variance of rounding to whole grey levels."""
 
 
 def option(default: Any, summary: str, *, name: str = "", **limits: Any) -> Any:
@@ -53,15 +45,6 @@ class Noise:
     def shot(self) -> float:
         """Variance per grey level."""
         return WHITE / self.full_well
-
-    def variance(self, clean: Grey) -> Grey:
-        """Return the variance of pixels of the 8-bit frame, rounding included, grey levels squared.
-
-        It is exact where the noise spans a grey level or more (read >= 0.7) and nothing is clipped
-        at 0 or 255.
-        """
-        slope, floor = (self.shot, self.read**2) if self.on else (0.0, 0.0)
-        return slope * clean + (floor + ROUNDING)
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ class RestFrame:
 REST_FRAMES = {
     127: RestFrame(
         replace(
-            FITTED, camera_distance_mm=23.352, focal=0.2897, gel_mm=22.852, marker_radius_mm=0.4096
+            FITTED, camera_distance_mm=23.352, focal=0.2897, gel_mm=22.852, marker_radius_mm=0.4132
         ),
         pin_length_mm=0.605,
         square=0.268,
@@ -141,7 +141,7 @@ REST_FRAMES = {
     ),
     331: RestFrame(
         replace(
-            FITTED, camera_distance_mm=23.486, focal=0.3388, gel_mm=21.486, marker_radius_mm=0.4057
+            FITTED, camera_distance_mm=23.486, focal=0.3388, gel_mm=21.486, marker_radius_mm=0.4074
         ),
         pin_length_mm=0.403,
         square=0.957,

@@ -7,15 +7,20 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from tactibench import UserError
 from tactibench_sim import optical_kernels
-from tactibench_sim.camera import ROUNDING, Optics
+from tactibench_sim.camera import WHITE, Noise, Optics
 
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
 _LUMA = np.array([0.299, 0.587, 0.114])
 """Weights of ITU-R BT.601, by which models turn colour into grey (``tactibench.gray_frames``)."""
+ROUNDING = 1 / 12
+"""Variance of rounding to whole grey levels."""
+_QUIET = 1e-6
+"""Least noise, grey levels: an edge of no width has no slope."""
 
 
 def project(optics: Optics, points: Array, lift: float = 0.0) -> tuple[Array, Array, Array]:
@@ -112,19 +117,22 @@ class Renderer:
             out *= self._luma.sum()
         return out
 
-    def variance(self, clean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-        """Return the variance of the pixels of ``clean`` as a model reads them, with rounding.
+    def variance(self, clean: npt.NDArray[np.floating]) -> Array:
+        """Return the variance with which each pixel tells its grey level ``clean``.
 
-        For output "rgb", three channels of independent noise are weighted and rounded again. For
-        "bw" it is that of the grey frame, so that a bound from it holds for the black-and-white
-        frame, which holds less information.
+        It is the variance of what a model reads over the square of its slope (``pixels``): both
+        are smaller where noise is clipped at 0 or 255. For output "rgb", three channels of
+        independent noise are weighted and rounded again. For "bw" it is that of the grey frame, so
+        that a bound from it holds for the black-and-white frame, which holds less information.
         """
-        noise = self.optics.noise
-        if len(self._luma) == 1:
-            return noise.variance(clean)
-        white = clean / self._luma.sum()
-        channels = zip(_LUMA, self._luma / _LUMA, strict=True)
-        return sum((w**2 * noise.variance(t * white) for w, t in channels), ROUNDING + 0 * clean)
+        noise, total = self.optics.noise, self._luma.sum()
+        weights = _LUMA if len(self._luma) == 3 else np.ones(1)
+        slope, variance = np.zeros(np.shape(clean)), np.zeros(np.shape(clean))
+        for weight, luma in zip(weights, self._luma, strict=True):
+            channel_slope, channel_variance = pixels(noise, luma / weight / total * clean)
+            slope += luma / total * channel_slope
+            variance += weight**2 * channel_variance
+        return (variance + (ROUNDING if len(weights) == 3 else 0.0)) / slope**2
 
     def frames(self, points: Array, states: npt.NDArray[np.uint64] | None = None) -> Images:
         """Return (S, size, size) or (S, size, size, 3) uint8 frames.
@@ -176,6 +184,33 @@ class Renderer:
                 image, 255, *method, max(3, side), -self.optics.threshold_grey
             )
         return grey
+
+
+def pixels(noise: Noise, clean: npt.NDArray[np.floating]) -> tuple[Array, Array]:
+    """Return slope and variance of 8-bit pixels: of Gaussians, clipped to 0..255 and rounded.
+
+    The moments of a clipped Gaussian have closed forms. Rounding adds 1/12 to the variance where
+    nothing is clipped; beside 0 and 255 it adds a term with the density there (Euler and
+    Maclaurin's sum over grey levels). Noise of read >= 0.7 gives the exact variance within 1.2 %.
+
+    Args:
+        noise: The noise.
+        clean: (...) grey levels without noise, 0 to 255.
+
+    Returns:
+        Growth of the mean of a pixel per grey level, and the variance of a pixel, each (...).
+    """
+    grey = np.clip(np.asarray(clean, dtype=np.float64), 0.0, WHITE)
+    square = noise.shot * grey + noise.read**2 if noise.on else np.zeros(grey.shape)
+    sigma = np.sqrt(np.maximum(square, _QUIET**2))
+    below, above = -grey / sigma, (WHITE - grey) / sigma
+    low, high = (np.exp(-(t**2) / 2) / (sigma * math.sqrt(2 * np.pi)) for t in (below, above))
+    inside, over = ndtr(above) - ndtr(below), ndtr(-above)
+    mean = WHITE * over + grey * inside + sigma**2 * (low - high)
+    second = WHITE**2 * over + (grey**2 + sigma**2) * inside
+    second += sigma**2 * (grey * low - (grey + WHITE) * high)
+    rounded = ROUNDING * (inside + mean * low + (WHITE - mean) * high)
+    return inside, second - mean**2 + rounded
 
 
 def vignetting(optics: Optics) -> Array:

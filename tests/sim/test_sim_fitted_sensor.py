@@ -29,7 +29,7 @@ def test_the_rest_frame_shows_all_pins_where_they_are(kind, pins):
     rest = Tracker(sensor.rest().image, refine=False).rest
     assert len(rest) == pins
     apart = np.linalg.norm(rest[:, None] - sensor.rig.rest, axis=2).min(axis=1)
-    assert apart.max() < 0.15
+    assert apart.max() < 0.2  # the discs are hardly wider than a pixel
 
 
 @pytest.mark.parametrize("yaw", [90.0, 0.0, -60.0])

@@ -17,6 +17,7 @@ from tactibench_sim import (
     Noise,
     Optics,
     Renderer,
+    blurred_disc,
     gaussian_taps,
     glare,
     optics_from,
@@ -143,11 +144,45 @@ def test_centroid_of_a_disc(radius, edge):
     assert np.sqrt((error**2).mean()) < 0.004
 
 
+def blurred(radius, edge, x, y, size):
+    """(size, size) means over pixels of a disc that a hemisphere of radius ``edge`` blurs."""
+    angle = (np.arange(1000) + 0.5) * np.pi / 2000
+    ring = edge * np.sin(angle)
+    weight = 3 * np.cos(angle) ** 2 * np.sin(angle) * np.pi / 2000  # of the hemisphere's rings
+    away = np.linspace(0, radius + edge, 600)[:, None]
+    with np.errstate(all="ignore"):
+        cosine = (away**2 + ring**2 - radius**2) / (2 * away * ring)
+    inside = np.where(np.isnan(cosine), ring < radius, np.arccos(cosine.clip(-1, 1)) / np.pi)
+    at = (np.arange(16 * size) + 0.5) / 16 - 0.5
+    distance = np.hypot(*np.meshgrid(at - x, at - y))
+    fine = np.interp(distance, away[:, 0], inside @ weight, right=0)
+    return fine.reshape(size, 16, size, 16).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("edge", [0.7, 1.0, 1.5])
+@pytest.mark.parametrize("radius", [0.1, 0.3, 0.6, 1.0, 1.17, 1.5, 2.0, 3.0, 5.0])
+def test_a_disc_is_that_disc_blurred_with_all_its_light(radius, edge):
+    places = 8 + np.random.default_rng(1).uniform(-0.5, 0.5, (40, 2))
+    images = cover(*places.T[:, :, None], np.full((40, 1), radius), 17, edge_px=edge)
+    light = images.sum(axis=(1, 2)) / (np.pi * radius**2)
+    assert light.mean() == pytest.approx(1, abs=0.002)
+    assert abs(light - 1).max() < (0.01 if edge >= 1 or radius >= 0.6 else 0.04)
+    for image, place in zip(images[:4], places[:4], strict=True):
+        true = blurred(radius, edge, *place, 17)
+        most = 0.04 if radius > 1.2 * edge else 0.1 if radius > 0.5 * edge else 0.25
+        assert abs(image - true).max() < most * true.max()
+
+
+def test_the_profile_of_a_disc_grows_steadily():
+    profiles = np.array([blurred_disc(r, 1.0) for r in np.arange(0.001, 3, 1e-4)])
+    assert (np.diff(profiles[:, 0]) >= 0).all()
+    assert abs(np.diff(profiles, axis=0)).max() < 3e-4  # no jump where small discs begin
+
+
 @pytest.mark.parametrize("edge", [0.5, 1.0, 4.0])
 def test_a_large_disc_has_its_area_and_its_rim(edge):
     image = cover(60.3, 50.7, 20.0, 128, edge_px=edge)[0]
-    # the smoothstep's derivative has variance edge^2 / 5 around the rim
-    assert image.sum() == pytest.approx(np.pi * (20.0**2 + edge**2 / 5), rel=1e-4)
+    assert image.sum() == pytest.approx(np.pi * 20.0**2, rel=1e-4)
     assert (image[51, 60], image[51, 86]) == (1.0, 0.0)
 
 
