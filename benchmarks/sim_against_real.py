@@ -7,7 +7,9 @@ image_name, pose_2 (depth, mm), pose_6 (tilt, deg), move_1 (sideways, mm) and mo
 and frames_bw with init_0.png. The table compares the calibration that ships for as many pins, on
 presses of the blocks of tilt and depth that no fit saw: median over presses of
 ||sim - real|| / ||real|| from the labels alone and where the frame decides whether the plate
-dragged the skin, and the gain <real, sim> / <sim, sim>.
+dragged the skin, and the gain <real, sim> / <sim, sim>. Then what tactip-* take from recordings:
+how far their pins move beside the real ones, the coefficient of friction at which the plate slips,
+and how it scatters from press to press.
 
 --fit fits camera, lever, drag and slip to 400 presses of the other blocks in some minutes, writes
 the numbers for --param sensor.calibration=OUT, and compares them. --picture draws the real rest
@@ -20,14 +22,14 @@ import argparse
 import json
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, linear_sum_assignment
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.datasets import ImportOptions, cached_fit, open_recording
@@ -39,11 +41,15 @@ from tactibench_sim import (
     LabelFit,
     Labels,
     Rig,
+    TacTip127,
+    TacTip331,
     Unknowns,
     calibration_of,
     changes,
     indentation,
     plate_of,
+    shipped_dome,
+    tip_drag,
 )
 
 Array = npt.NDArray[np.float64]
@@ -219,13 +225,61 @@ def print_errors(presses: Presses, calibration: Calibration) -> None:
     print(f"all: {table.median().round(3).to_dict()}")
 
 
+def print_motion(presses: Presses, calibration: Calibration) -> None:
+    """Print real over simulated motion of the pins of tactip-*, by indentation.
+
+    Held-out presses that hardly moved are pressed by the sensor's own plate, with its friction.
+    """
+    x, plate = calibration.unknowns, Indenter.plate()
+    kind = TacTip331 if len(presses.rest) == 331 else TacTip127
+    sensor = kind(SensorContext(np.random.SeedSequence(0)), size=presses.side)
+    held = presses.some(np.flatnonzero(~checkerboard(presses.labels)))
+    held = held.some(np.flatnonzero(abs(held.labels.move) < MOVES[1]))
+    depth, tilt = indentation(x, held.labels), held.labels.tilt + x.tilt_offset_deg
+    poses = [Pose(), *(Pose(0, 0, x.yaw_deg, *at) for at in zip(tilt, depth.clip(0), strict=True))]
+    seen = sensor.renderer.project(sensor.points([Scene(plate, pose) for pose in poses]))
+    places = np.stack(seen[:2], axis=-1)
+    apart = presses.rest[:, None] - places[0] - (presses.rest.mean(axis=0) - places[0].mean(axis=0))
+    order = linear_sum_assignment((apart**2).sum(axis=-1))[1]
+    sim = np.where(np.isfinite(held.moved), (places[1:] - places[0])[:, order], 0.0)
+    ratio = np.sqrt(np.nansum(held.moved**2, axis=(1, 2)) / (sim**2).sum(axis=(1, 2)))
+    bands = pd.Series(ratio).groupby(pd.cut(depth, DEPTHS, right=False), observed=True).median()
+    print(f"real over simulated motion, tactip-{len(presses.rest)}, {len(ratio)} presses")
+    print(f"by indentation: {bands.round(3).to_dict()}; all: {np.median(ratio):.3f}")
+
+
+def print_friction(presses: Presses, calibration: Calibration) -> None:
+    """Print the coefficient at which the plate slips, and its scatter from press to press.
+
+    The scatter is of presses that moved far and were dragged: the drag that fits the frame best,
+    over the limit of the fit, less its trends with the labels.
+    """
+    x, dome, drag = calibration.unknowns, shipped_dome().by_radius[np.inf], tip_drag(np.inf)
+    at = np.arange(2.0, 5.5)
+    force = np.interp(at, dome.delta, dome.fields["force"])
+    friction = x.slip_mm * at**x.slip_power / (force * drag.compliance_at(at))
+    print(f"friction 2 to 5 mm deep: {friction.round(2).tolist()}")
+    depth = indentation(x, presses.labels)
+    far = (abs(presses.labels.move) > MOVES[3]) & (depth > 1.5) & (depth < 5.5)
+    some = presses.some(np.flatnonzero(far & ~np.isin(presses.names, calibration.frames)))
+    rig, count = Rig(plate_of(calibration.kind), presses.rest, presses.side), len(some.names)
+    bare, full = (changes(rig, x, some.labels, np.full(count, one))[..., :2] for one in (0.0, 1.0))
+    part = np.where(np.isfinite(some.moved), full - bare, 0.0)
+    share = np.nansum((some.moved - bare) * part, axis=(1, 2)) / (part**2).sum(axis=(1, 2))
+    dragged = np.flatnonzero(share > 0.5)
+    labels, side = some.labels.take(dragged), np.sign(some.labels.move[dragged])
+    d = indentation(x, labels)
+    trends = [1 + 0 * d, d, d**2, labels.tilt, labels.tilt**2, labels.turn, abs(labels.move)]
+    trends += [side, side * d, side * labels.tilt, side * labels.turn]
+    off = np.log(share[dragged])
+    off -= (trend := np.column_stack(trends)) @ np.linalg.lstsq(trend, off, rcond=None)[0]
+    print(f"scatter from press to press: {1.4826 * np.median(abs(off)):.2f}, {len(off)} presses")
+
+
 def draw(folder: Path, presses: Presses, calibration: Calibration, path: Path) -> None:
     """Draw the rest frame and two hardly moved presses, real beside simulated."""
     large = len(presses.rest) == 331
     kind = Fitted331 if large else Fitted127
-    glare: dict[str, Any] = {"glare_radius": 0.465 if large else 0.475}
-    if large:
-        glare |= {"glare_width": 0.014, "glare_arc": 80.0}
     sensor = kind(
         SensorContext(np.random.SeedSequence(0)),
         size=presses.side,
@@ -234,7 +288,7 @@ def draw(folder: Path, presses: Presses, calibration: Calibration, path: Path) -
         glare=1.0,
         glare_scatter=0.6,
         glare_seed=3,
-        **glare,
+        glare_radius=0.465 if large else 0.475,
     )
     depth, tilt = indentation(calibration.unknowns, presses.labels), presses.labels.tilt
     unseen = (abs(presses.labels.move) < 0.5) & ~np.isin(presses.names, calibration.frames)
@@ -270,6 +324,8 @@ def main() -> None:
     else:
         calibration = calibration_of(len(presses.rest))
     print_errors(presses, calibration)
+    print_motion(presses, calibration)
+    print_friction(presses, calibration)
     if given.picture:
         draw(given.folder, presses, calibration, given.picture)
 

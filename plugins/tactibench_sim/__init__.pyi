@@ -4,8 +4,7 @@ from .bounds import deviance as deviance
 from .bounds import inverse as inverse
 from .bounds import marginal as marginal
 from .camera import NUISANCES as NUISANCES
-from .camera import TACTIP_127 as TACTIP_127
-from .camera import TACTIP_331 as TACTIP_331
+from .camera import TACTIPS as TACTIPS
 from .camera import Noise as Noise
 from .camera import Optics as Optics
 from .camera import optics_from as optics_from
@@ -40,6 +39,7 @@ from .instances import Spread as Spread
 from .instances import Tolerances as Tolerances
 from .instances import TrainingInstances as TrainingInstances
 from .instances import dome_of as dome_of
+from .instances import instance_friction as instance_friction
 from .instances import instance_mechanics as instance_mechanics
 from .instances import instance_tables as instance_tables
 from .instances import lost_pins as lost_pins
@@ -103,3 +103,4 @@ from .tables import tip_tables as tip_tables
 from .tactip import SimulatedTacTip as SimulatedTacTip
 from .tactip import TacTip127 as TacTip127
 from .tactip import TacTip331 as TacTip331
+from .tactip import friction_shares as friction_shares

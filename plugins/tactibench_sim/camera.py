@@ -69,10 +69,9 @@ class Optics:
             sensors).
         pin_loss: Share of the markers that lost their white tip.
         camera_distance_mm: Distance from the camera to the farthest point of the gel (a dome's
-            apex). 55: a public TacTip simulation.
+            apex).
         lens: "pinhole" (r = f tan a) or "fisheye" (equidistant, r = f a), a the angle in air.
-        focal: Focal length, sides. 0.956 puts the outermost pins of the real 331-pin rest frame 65
-            deg from the apex (ten steps of 6.5 deg; assumed), a field of view of 55 deg.
+        focal: Focal length, sides.
         principal_x: Place where the axis meets the frame, from its middle, sides. Zero: nominal.
         principal_y: Likewise.
         roll_deg: Turn of the camera about its axis, x towards y. Zero: nominal.
@@ -241,21 +240,63 @@ def optics_from(nominal: Optics, parameters: Mapping[str, Any]) -> Optics:
     return replace(nominal, **values, noise=replace(nominal.noise, **changed))
 
 
-TACTIP_127 = Optics(marker_radius_mm=0.36)
-"""Like the real 127-pin sensor of the Tac-VGNN data: with this marker radius, the discs of a
-thresholded rest frame have the median area of the real frame's. Glare, where it is switched on, is
-six arcs."""
-TACTIP_331 = Optics(marker_radius_mm=0.47, glare_width=0.014, glare_arc_deg=80.0)
-"""Like the real 331-pin sensor, with the marker radius found likewise. Glare is a closed ring that
-is thick at the LEDs."""
 PLANAR_GRID = Optics(camera_distance_mm=30.0, focal=1.15, gel_mm=5.0, marker_radius_mm=0.3)
 """Camera 30 mm from the surface (28.5 mm in the GelSight Mini of the simulator TacEx, with 4.5 mm
 of gel); the focal length shows the grid and 1.5 mm around it (assumed). Markers of 0.6 mm, white in
 a dark gel like the pins of a TacTip (assumed; a GelSight's are dark in a lit one)."""
-FITTED = Optics(
-    camera_distance_mm=23.0, gel_mm=22.0, window_mm=0.0, lens="fisheye", threshold_grey=50.0
-)
-"""What the cameras of real TacTips share. The threshold is about half of a tip's light: one of 5
-cuts at the foot of a tip's edge, which hides how pins grow. In the presses of the fit, the areas of
-the 331 set's innermost pins grow by a factor of 1.25; simulated ones by 1.21 with a threshold of 5
-and by 1.24 with 50."""
+
+
+@dataclass(frozen=True)
+class TacTipPreset:
+    """Camera, lever and pins of a simulated TacTip, fitted to a public recording of the real one.
+
+    Camera and lever were fitted to plate presses on the nominal dome; the thickness of the window
+    counts as gel. With q the distance of a pin from the centre over that of the outermost pin in
+    the rest frame, the radius of its white tip is ``optics.marker_radius_mm`` (1 + square q^2 +
+    fourth q^4), even in q like every smooth function about an axis. It was fitted by least squares
+    to the areas of the thresholded blobs of the real rest frame, to 1 %.
+
+    Attributes:
+        optics: The camera. Glare, where it is switched on, is six arcs (127 pins) or a closed ring
+            that is thick at the LEDs (331).
+        pin_length_mm: Effective lever of the pins, which the gel drags along.
+        square: Coefficient of q^2.
+        fourth: Coefficient of q^4.
+    """
+
+    optics: Optics
+    pin_length_mm: float
+    square: float
+    fourth: float
+
+
+_FITTED = Optics(window_mm=0.0, lens="fisheye", threshold_grey=50.0)
+"""What the cameras of the real TacTips share. The threshold is about half of a tip's light: one of
+5 cuts at the foot of a tip's edge, which hides how pins grow. In the presses of the fit, the areas
+of the 331 set's innermost pins grow by a factor of 1.25; simulated ones by 1.21 with a threshold of
+5 and by 1.24 with 50."""
+TACTIPS = {
+    127: TacTipPreset(
+        replace(
+            _FITTED, camera_distance_mm=23.352, focal=0.2897, gel_mm=22.852, marker_radius_mm=0.4132
+        ),
+        pin_length_mm=0.605,
+        square=0.268,
+        fourth=-0.275,
+    ),
+    331: TacTipPreset(
+        replace(
+            _FITTED,
+            camera_distance_mm=23.486,
+            focal=0.3388,
+            gel_mm=21.486,
+            marker_radius_mm=0.4074,
+            glare_width=0.014,
+            glare_arc_deg=80.0,
+        ),
+        pin_length_mm=0.403,
+        square=0.957,
+        fourth=-0.685,
+    ),
+}
+"""Number of pins -> preset."""

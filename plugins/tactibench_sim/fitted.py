@@ -22,10 +22,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Scene, SensorContext, UserError
-from tactibench_sim.camera import FITTED, Optics, optics_from
+from tactibench_sim.camera import TACTIPS, optics_from
 from tactibench_sim.contact import Tips, check_poses, pose_arrays
 from tactibench_sim.dome import TableMechanics
-from tactibench_sim.pins import layout, places_at_rest
+from tactibench_sim.pins import layout, places_at_rest, tip_shares
 from tactibench_sim.plates import (
     APEX_MM,
     INNER_MM,
@@ -94,65 +94,6 @@ def calibration_of(pins: int, path: str = "") -> Calibration:
 
 
 @dataclass(frozen=True)
-class RestFrame:
-    """The white tips of a real sensor in its rest frame, as a camera on the nominal dome sees them.
-
-    Camera and lever were fitted to presses on that dome; the window's thickness counts as gel.
-    With q the distance of a pin from the centre over that of the outermost pin, in the frame, the
-    radius of its tip is ``optics.marker_radius_mm`` (1 + square q^2 + fourth q^4). It is even in q,
-    like every smooth function about an axis. The radii were fitted by least squares to the areas of
-    the thresholded blobs of the real rest frame, to 1 %.
-
-    Attributes:
-        optics: The camera.
-        pin_length_mm: The lever.
-        square: Coefficient of q^2.
-        fourth: Coefficient of q^4.
-        preset_mm: Radius of the tips of the preset with as many pins.
-    """
-
-    optics: Optics
-    pin_length_mm: float
-    square: float
-    fourth: float
-    preset_mm: float
-
-    def radii(self, pins: int, size: int) -> Array:
-        """Return the (P,) radii of the white tips in a frame of ``size`` px, px."""
-        tip_radius = INNER_MM - self.pin_length_mm
-        optics = replace(self.optics, size=size)
-        tips = tip_radius * layout(pins, self.optics, tip_radius)
-        radius = project(optics, tips, optics.camera_distance_mm - APEX_MM)[2]
-        q_square = (places_at_rest(pins) ** 2).sum(axis=1)
-        q_square /= q_square.max()
-        out: Array = radius * (1 + self.square * q_square + self.fourth * q_square**2)
-        return out
-
-
-REST_FRAMES = {
-    127: RestFrame(
-        replace(
-            FITTED, camera_distance_mm=23.352, focal=0.2897, gel_mm=22.852, marker_radius_mm=0.4132
-        ),
-        pin_length_mm=0.605,
-        square=0.268,
-        fourth=-0.275,
-        preset_mm=0.36,
-    ),
-    331: RestFrame(
-        replace(
-            FITTED, camera_distance_mm=23.486, focal=0.3388, gel_mm=21.486, marker_radius_mm=0.4074
-        ),
-        pin_length_mm=0.403,
-        square=0.957,
-        fourth=-0.685,
-        preset_mm=0.47,
-    ),
-}
-"""Number of pins -> rest frame of the public recording."""
-
-
-@dataclass(frozen=True)
 class Widths:
     """Half-widths of the instances' ranges around the calibration at ``spread`` 1 (assumed).
 
@@ -215,12 +156,14 @@ class FittedSensor(SimulatedSensor):
         nominal = _as_indentation(self.calibration, scale)
         rest = size * places_at_rest(self.pins) + scale * np.array(self.calibration.rest_centre)
         self.rig = Rig(plate_of(self.calibration.kind), rest, size)
-        rest_frame = REST_FRAMES[self.pins]
+        preset = TACTIPS[self.pins].optics
         optics = optics_from(
             replace(
                 nominal.optics(size),
-                marker_radius_mm=rest_frame.preset_mm,
-                threshold_grey=FITTED.threshold_grey,
+                marker_radius_mm=preset.marker_radius_mm,
+                threshold_grey=preset.threshold_grey,
+                glare_width=preset.glare_width,
+                glare_arc_deg=preset.glare_arc_deg,
             ),
             optical,
         )
@@ -228,7 +171,7 @@ class FittedSensor(SimulatedSensor):
         self._pins, self._length = directions(self.rig, nominal), nominal.pin_length_mm
         tips = (INNER_MM - self._length) * self._pins
         alike = Renderer(optics, lift).project(tips[None])[2][0]
-        renderer = Renderer(optics, lift, rest_frame.radii(self.pins, size) / alike)
+        renderer = Renderer(optics, lift, radii_at_rest(self.pins, size) / alike)
         super().__init__(context, renderer, tips)
         self._discs = np.stack([axis[0] for axis in renderer.project(tips[None])])
         self._unknowns = self._instances(nominal)
@@ -374,6 +317,19 @@ class Fitted331(FittedSensor):
     """The fitted TacTip with 331 pins in ten rings."""
 
     pins = 331
+
+
+def radii_at_rest(pins: int, size: int) -> Array:
+    """Return the (P,) radii of the white tips in the rest frame of the preset, px.
+
+    Args:
+        pins: 127 or 331.
+        size: Side of the frame, px.
+    """
+    preset = TACTIPS[pins]
+    optics = replace(preset.optics, size=size)
+    tips = (INNER_MM - preset.pin_length_mm) * layout(pins)
+    return project(optics, tips, optics.camera_distance_mm - APEX_MM)[2] * tip_shares(pins)
 
 
 def _as_indentation(fitted: Calibration, scale: float) -> Unknowns:

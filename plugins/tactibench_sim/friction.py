@@ -113,8 +113,8 @@ def tip_drag(radius: float) -> TipDrag:
     low, high = radii[spheres[0]], radii[spheres[-1]]
     if not low <= radius <= high:
         raise UserError(
-            f"a tip of R = {radius:g} mm moves sideways; the simulator has tables of drag for "
-            f"{low:g} to {high:g} mm. Take such a tip, or leave sensor.friction out."
+            f"a tip of R = {radius:g} mm rubs; the simulator has tables of drag for "
+            f"{low:g} to {high:g} mm. Take such a tip, or sensor.friction=0."
         )
 
     def at_radius(values: Array) -> Array:
@@ -380,7 +380,7 @@ class FrictionMechanics:
             if (depth > table.deepest + SLACK).any():
                 raise UserError(
                     f"a tip of R = {radius:g} mm rubs {depth.max():.2f} mm deep; its drag tables "
-                    f"end at {table.deepest:g} mm: press less deep, or leave sensor.friction out."
+                    f"end at {table.deepest:g} mm: press less deep, or take sensor.friction=0."
                 )
             force, skin, up = self._rub(tips.take(rows), table)
             raised[rows] = np.minimum(up, (table.deepest - depth).clip(0.0))  # the tables end

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tactibench import Parameter, SensorSpec, hookimpl
-from tactibench_sim.camera import FITTED, PLANAR_GRID, TACTIP_127, TACTIP_331, parameters_of
+from tactibench_sim.camera import PLANAR_GRID, TACTIPS, parameters_of
 
 TIER = Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose"))
 TABLE = Parameter(
@@ -31,13 +31,26 @@ DOME = (
         low=0,
         high=1000,
     ),
-    Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
     Parameter(
         "friction",
-        0.0,
-        "Coulomb's coefficient of tips that move sideways (dx, dy, dyaw of a pose); 0: no drag",
+        0.5,
+        "Coulomb's coefficient of tips and skin, nominal; 0: without friction",
         low=0.0,
         high=2.0,
+    ),
+    Parameter(
+        "friction_between",
+        1.5,
+        "factor by which the friction of instances differs, either way; 1: all alike",
+        low=1.0,
+        high=4.0,
+    ),
+    Parameter(
+        "friction_within",
+        0.13,
+        "friction from press to press, standard deviation as a share; 0: always the same",
+        low=0.0,
+        high=1.0,
     ),
 )
 PLANAR = (
@@ -64,11 +77,6 @@ FITTED_PARAMETERS = (
         "",
         "file of benchmarks/sim_against_real.py; empty: the fit to the public recording",
     ),
-    *(
-        p
-        for p in parameters_of(FITTED)
-        if p.name.startswith(("glare", "threshold")) or p.name in {"output", "leds"}
-    ),
 )
 
 
@@ -79,10 +87,17 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
         SensorSpec(
             name=f"tactip-{pins}",
             target=f"tactibench_sim.tactip:TacTip{pins}",
-            summary=f"simulated TacTip, {pins} pins, finite-element fields, camera behind a window",
-            parameters=(*DOME, *parameters_of(camera)),
+            summary=f"simulated TacTip, {pins} pins; finite-element fields, friction; camera and "
+            "pins fitted to real presses",
+            parameters=(
+                *DOME,
+                Parameter(
+                    "pin_length", preset.pin_length_mm, "lever of the pins, mm", low=0.0, high=6.0
+                ),
+                *parameters_of(preset.optics),
+            ),
         )
-        for pins, camera in ((127, TACTIP_127), (331, TACTIP_331))
+        for pins, preset in TACTIPS.items()
     ]
     scenes = [
         replace(
@@ -90,8 +105,12 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             name=f"{dome.name}-fem",
             target=f"tactibench_sim.reference:Reference{dome.name.removeprefix('tactip-')}",
             summary=f"finite-element scenes of {dome.name}, for --test reference",
-            # finite elements have said how the scenes become fields
-            parameters=tuple(p for p in dome.parameters if p.name != "tier"),
+            # finite elements have said how the scenes become fields, all without friction
+            parameters=tuple(
+                replace(p, default=0.0) if p.name == "friction" else p
+                for p in dome.parameters
+                if p.name not in {"tier", "friction_between", "friction_within"}
+            ),
             reference_of=dome.name,
             scenes="finite-element scenes",
         )
@@ -110,8 +129,15 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             target=f"tactibench_sim.fitted:Fitted{pins}",
             summary=f"simulated TacTip, {pins} pins; camera, pins and a plate's drag fitted to "
             "real presses",
-            parameters=FITTED_PARAMETERS,
+            parameters=(
+                *FITTED_PARAMETERS,
+                *(
+                    p
+                    for p in parameters_of(preset.optics)
+                    if p.name.startswith(("glare", "threshold")) or p.name in {"output", "leds"}
+                ),
+            ),
         )
-        for pins in (127, 331)
+        for pins, preset in TACTIPS.items()
     ]
     return (*domes, *scenes, planar, *fitted)

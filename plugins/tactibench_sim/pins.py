@@ -1,10 +1,9 @@
 """Layouts of the pins on the inner skin: directions from the dome's centre at rest.
 
 Both layouts are read from the undeformed frame ``init_0.png`` of a real sensor of the public
-Tac-VGNN data (Fan et al., ICRA 2023): radii in the frame, turned into polar angles with the
-reference optics (the defaults of ``Optics``) and pins of 2 mm, whose tips lie 17 mm from the dome's
-centre. Seen by those optics, the pins at rest are therefore where the real ones are. Rotation,
-offset and aspect of the real frames are left out.
+Tac-VGNN data (Fan et al., ICRA 2023): radii in the frame, turned into polar angles with camera and
+lever of the preset (``camera.TACTIPS``). Seen by that camera, the pins at rest are therefore where
+the real ones are. Rotation, offset and aspect of the real frames are left out.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.camera import Optics
+from tactibench_sim.camera import TACTIPS, Optics
 from tactibench_sim.renderer import project
 
 Array = npt.NDArray[np.float64]
@@ -30,32 +29,37 @@ frame; least squares with offset, rotation and aspect free, rms residual 0.6 px 
 
 INNER_MM = 19.0
 """Radius of the nominal inner skin, on which the pins stand."""
-PIN_LENGTH_MM = 2.0
-"""Lever of the presets: about the length of the pins of public TacTips."""
-TIP_RADIUS_MM = INNER_MM - PIN_LENGTH_MM
 _STEEPEST = np.radians(80.0)
 """Polar angle, rad, up to which the place of a pin is sought."""
 
 
-_REFERENCE = Optics(size=1)
-
-
 @cache
-def layout(pins: int, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RADIUS_MM) -> Array:
+def layout(pins: int) -> Array:
     """Return (P, 3) unit vectors, centre pin first, rings outwards, read-only.
 
     Args:
         pins: 127 or 331.
-        optics: Optics that see the pins at rest at the places of the real ones. The centre pin is
-            on their axis, whatever their offset and roll.
-        tip_radius_mm: Distance from the dome's centre to the pins' tips.
     """
+    preset = TACTIPS[pins]
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     seen, place = np.unique(radius, return_inverse=True)
-    polar = polar_angles(seen, optics, tip_radius_mm)[place]
+    polar = polar_angles(seen, preset.optics, INNER_MM - preset.pin_length_mm)[place]
     sine = np.sin(polar)
     out = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=1)
     out.setflags(write=False)
+    return out
+
+
+def tip_shares(pins: int) -> Array:
+    """Return the (P,) radii of the white tips over that of the centre pin.
+
+    Args:
+        pins: 127 or 331.
+    """
+    q_square = (places_at_rest(pins) ** 2).sum(axis=1)
+    q_square /= q_square.max()
+    preset = TACTIPS[pins]
+    out: Array = 1 + preset.square * q_square + preset.fourth * q_square**2
     return out
 
 
@@ -69,9 +73,7 @@ def places_at_rest(pins: int) -> Array:
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
 
 
-def polar_angles(
-    radius: Array, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RADIUS_MM
-) -> Array:
+def polar_angles(radius: Array, optics: Optics, tip_radius_mm: float) -> Array:
     """Return the (N,) polar angles, rad, of tips that are seen at a distance from the axis.
 
     Args:

@@ -46,8 +46,9 @@ REACH_MM = 10.0
 mm wide, and its fields do not include its edge: a free edge 10 mm off all around moves the surface
 by 0.01 mm within 5 mm of a tip of 3 mm at 1 mm depth, and by 0.02 mm beside the edge (finite
 elements)."""
-SPREAD = Spread(gel_mm=0.0)
-"""Ranges of the instances; the pad's thickness is that of its table in all of them."""
+SPREAD = Spread(gel_mm=0.0, air_mm=0.02)
+"""Ranges of the instances; the pad's thickness is that of its table in all of them, and the camera
+sits within half a millimetre (assumed)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -12,11 +13,11 @@ import numpy.typing as npt
 
 from tactibench import Grid, Scene, SensorContext, UserError, __version__
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.camera import TACTIP_127, TACTIP_331, Optics, optics_from
+from tactibench_sim.camera import TACTIPS, optics_from
 from tactibench_sim.contact import Tips, tips_of
 from tactibench_sim.dome import TableMechanics, tips_of_pins
-from tactibench_sim.pins import PIN_LENGTH_MM, layout
-from tactibench_sim.renderer import Renderer, streams
+from tactibench_sim.pins import layout, tip_shares
+from tactibench_sim.renderer import Renderer, normal_table, streams
 from tactibench_sim.sensor import FRAMES_PER_SECOND, SimulatedSensor
 from tactibench_sim.tables import dome_tables, read_file, shipped_dome
 
@@ -25,6 +26,20 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
+FRICTION = 0.5
+"""Coulomb's coefficient of the skin and a smooth plastic. In two public recordings of TacTips (Fan
+et al., ICRA 2023) a plate slips where the skin has followed it as far as 0.43 to 0.62 (331 pins)
+and 0.48 to 0.52 (127) allow, 2 to 5 mm deep. Clean silicone of Shore 50 A on PLA, without dust:
+0.6 to 1.0 (github.com/tolstoys19/Friction-Measurements-Between-PLA-and-Silicone, "Sil 950")."""
+FRICTION_BETWEEN = 1.5
+"""Factor either way between instances (assumed): 0.33 to 0.75."""
+FRICTION_WITHIN = 0.13
+"""Standard deviation from press to press, as a share. The drag at which the plate slips scatters by
+0.13 (331 pins) and 0.22 (127) in the same recordings, trends with depth, tilt and move taken out;
+the smaller number, because the error of the fit is among both."""
+_STREAM = 10
+"""Stream of random numbers that choose the friction of a press, beside that of the training
+instances (9)."""
 
 
 class SimulatedTacTip(SimulatedSensor):
@@ -32,11 +47,9 @@ class SimulatedTacTip(SimulatedSensor):
 
     Attributes:
         pins: Number of pins.
-        preset: The nominal camera.
     """
 
     pins: ClassVar[int]
-    preset: ClassVar[Optics]
 
     def __init__(
         self,
@@ -46,8 +59,10 @@ class SimulatedTacTip(SimulatedSensor):
         table: str = "",
         instance: int = 0,
         instances: int = 0,
-        pin_length: float = PIN_LENGTH_MM,
-        friction: float = 0.0,
+        pin_length: float | None = None,
+        friction: float = FRICTION,
+        friction_between: float = FRICTION_BETWEEN,
+        friction_within: float = FRICTION_WITHIN,
         **optical: Any,
     ) -> None:
         """Build the dome, its pins and its camera.
@@ -60,8 +75,11 @@ class SimulatedTacTip(SimulatedSensor):
             instances: Number of training instances over which the presses are spread; 0 or 1: all
                 presses are made on ``instance``. Everything else (``rest``, ``points``, bounds) is
                 that of the nominal sensor.
-            pin_length: Length of the pins, mm.
-            friction: Coulomb's coefficient between tips and skin; 0: moves drag nothing.
+            pin_length: Effective lever of the pins, mm; None: the preset's.
+            friction: Coulomb's coefficient between tips and skin of the nominal sensor; 0: without
+                friction.
+            friction_between: Factor either way by which the coefficient differs between instances.
+            friction_within: Standard deviation from press to press, as a share of the coefficient.
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
@@ -75,11 +93,14 @@ class SimulatedTacTip(SimulatedSensor):
                 "instance with --test sensor.instance=N."
             )
         self._tables = dome_tables(read_file(Path(table))) if table else shipped_dome()
-        self.instance, self.pin_length = instance, pin_length
-        self.optics = optics_from(self.preset, optical)
+        preset = TACTIPS[self.pins]
+        length = preset.pin_length_mm if pin_length is None else pin_length
+        self.instance, self.pin_length, self.friction = instance, length, friction
+        self.optics = optics_from(preset.optics, optical)
         lost = np.zeros(self.pins, dtype=np.bool_)
         if instance or self.optics.pin_loss:
             from tactibench_sim.instances import (  # the nominal sensor needs none
+                instance_friction,
                 instance_mechanics,
                 instance_tables,
                 lost_pins,
@@ -88,34 +109,59 @@ class SimulatedTacTip(SimulatedSensor):
 
             self._tables = instance_tables(self._tables, instance)
             lost = lost_pins(self.pins, self.optics.pin_loss, instance)
-            self.optics, self.pin_length = perturb(self.optics, pin_length, instance)
+            self.optics, self.pin_length = perturb(self.optics, length, instance)
+            self.friction = instance_friction(friction, friction_between, instance)
         if instance:
             mechanics = instance_mechanics(tier, self._tables)
         else:  # a user's table has no tips but its own
             mechanics = TableMechanics(self._tables, tier, other_tips=not table)
         self.mechanics: Any = mechanics  # Any: either of the two takes the loads that it made
+        self._spreads: dict[str, float] = {}
         if friction:
             from tactibench_sim.friction import FrictionMechanics
 
-            self.mechanics = FrictionMechanics(mechanics, friction)
-        self.friction, self.lost = friction, lost
+            self.mechanics = FrictionMechanics(mechanics, self.friction)
+            self._spreads = {
+                "friction_between": friction_between,
+                "friction_within": friction_within,
+            }
+        self.lost = lost
         self.directions = layout(self.pins)[~lost]
         still = np.zeros(self.directions.shape)
         resting = tips_of_pins(mechanics.inner, self.directions, (still, still), self.pin_length)
         lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
-        super().__init__(context, Renderer(self.optics, lift), resting)
+        renderer = Renderer(self.optics, lift, tip_shares(self.pins)[~lost])
+        super().__init__(context, renderer, resting)
         self.instances: TrainingInstances | None = None
         if instances > 1:
             from tactibench_sim.instances import TrainingInstances
 
-            parameters = {"tier": tier, "pin_length": pin_length, "friction": friction, **optical}
-            make = partial(type(self), context, **parameters)
+            shared = {"tier": tier, "pin_length": pin_length, "friction": friction, **optical}
+            make = partial(type(self), context, **shared | self._spreads)
             self.instances = TrainingInstances(make, context.seed, instances)
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
-        if self.instances is None:
-            return super()._images(scenes, first)
-        return self.instances.images(scenes, first, streams(self._seed, first, len(scenes)))
+        states, shares = streams(self._seed, first, len(scenes)), None
+        if within := self._spreads.get("friction_within"):
+            shares = friction_shares(self._seed, within, first, len(scenes))
+        if self.instances is not None:
+            return self.instances.images(scenes, first, states, shares)
+        return self.renderer.frames(self.rubbed(scenes, shares), states)
+
+    def rubbed(self, scenes: Sequence[Scene], shares: Array | None) -> Array:
+        """Return the (S, P, 3) pin tips in presses that each have their own friction, mm.
+
+        Args:
+            scenes: S scenes.
+            shares: (S,) coefficients over that of the sensor; None: all have that of the sensor.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        tips = tips_of(scenes)
+        if shares is not None:
+            tips = replace(tips, friction=self.friction * shares)
+        return self.places(tips)
 
     def _rest_of(self, number: int) -> Images:
         return self._rest if self.instances is None else self.instances.rest_of(number)
@@ -179,7 +225,7 @@ class SimulatedTacTip(SimulatedSensor):
             "dome_radius_mm": DOME_RADIUS_MM,
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
-            **({"friction": self.friction} if self.friction else {}),
+            **({"friction": self.friction, **self._spreads} if self.friction else {}),
             **({} if self.instances is None else {"instances": self.instances.describe()}),
         }
 
@@ -188,11 +234,27 @@ class TacTip127(SimulatedTacTip):
     """The simulated TacTip with 127 pins in a hexagon."""
 
     pins = 127
-    preset = TACTIP_127
 
 
 class TacTip331(SimulatedTacTip):
     """The simulated TacTip with 331 pins in ten rings."""
 
     pins = 331
-    preset = TACTIP_331
+
+
+def friction_shares(seed: np.random.SeedSequence, within: float, first: int, count: int) -> Array:
+    """Return the (count,) coefficients of friction of presses over that of their sensor.
+
+    They are log-normal with mean 1, and depend on the seed and the number of the press alone.
+
+    Args:
+        seed: Seed of the sensor.
+        within: Standard deviation.
+        first: Number of the first press.
+        count: Number of presses.
+    """
+    own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _STREAM))
+    words = streams(own, first, count)[:, 2] >> np.uint64(48)  # the table has 2**16 values
+    variance = np.log1p(within**2)
+    out: Array = np.exp(np.sqrt(variance) * normal_table()[words] - variance / 2)
+    return out

@@ -1,5 +1,7 @@
 """Noise: the stream against numpy's, the normal values, what variance states; where pins stand."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from scipy import stats
 from tactibench_sim import (
     HEXAGON,
     RINGS,
+    TACTIPS,
     Noise,
     Optics,
     Renderer,
@@ -150,12 +153,19 @@ def test_variance_of_what_a_model_takes_in(output):
         assert off.var(axis=0)[part].mean() == pytest.approx(told[part].mean(), rel=0.01)
 
 
+def seen_at_rest(pins, size=1):
+    preset = TACTIPS[pins]
+    tips = (19.0 - preset.pin_length_mm) * layout(pins)
+    optics = dataclasses.replace(preset.optics, size=size)
+    return project(optics, tips, optics.camera_distance_mm - 20.0)
+
+
 def test_pins_at_rest_are_seen_where_the_real_ones_are():
     """The derivation of the polar angles: projected back they give the radii of the real frames."""
-    x, y, _ = project(Optics(size=1), 17 * layout(331), 35.0)
+    x, y, _ = seen_at_rest(331)
     rings = np.unique(np.hypot(x, y).round(9))
     assert rings == pytest.approx(np.array(RINGS), abs=1e-9)
-    x, y, _ = project(Optics(size=1), 17 * layout(127), 35.0)
+    x, y, _ = seen_at_rest(127)
     pitch = np.array([0, 1, np.sqrt(3), 2])
     told = HEXAGON[0] * pitch + HEXAGON[1] * pitch**3 + HEXAGON[2] * pitch**5
     assert np.unique(np.hypot(x, y).round(9))[:4] == pytest.approx(told, abs=1e-9)
@@ -168,7 +178,7 @@ def test_layout_is_a_centred_unit_pattern_that_fits_the_frame(pins):
     assert np.linalg.norm(b, axis=1) == pytest.approx(np.ones(pins), abs=1e-14)
     assert tuple(b[0]) == (0, 0, 1)
     assert abs(b[:, :2].mean(axis=0)).max() < 1e-12
-    x, y, radius = project(Optics(), 17 * b, 35.0)
+    x, y, radius = seen_at_rest(pins, 128)
     assert (np.stack([x, y]) - radius > 0).all()
     assert (np.stack([x, y]) + radius < 127).all()
     turned = b[:, [0]] * np.array([[0.5, 0.75**0.5]]) + b[:, [1]] * np.array([[-(0.75**0.5), 0.5]])

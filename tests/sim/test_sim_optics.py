@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from tactibench import UserError
 from tactibench_sim import (
-    TACTIP_331,
+    TACTIPS,
     Noise,
     Optics,
     Renderer,
@@ -306,7 +306,7 @@ def test_black_and_white_is_the_adaptive_threshold_of_the_grey_frame():
 
 
 def test_every_parameter_sets_its_field():
-    nominal = TACTIP_331
+    nominal = TACTIPS[331].optics
     parameters = list(parameters_of(nominal))
     assert optics_from(Optics(), {p.name: p.default for p in parameters}) == nominal
     flat = lambda o: {**dataclasses.asdict(o), **dataclasses.asdict(o)["noise"]}  # noqa: E731

@@ -162,7 +162,8 @@ def test_describe_is_json_and_tells_sensors_apart(case):
     if case in ("tactip-127", "planar-grid"):
         others += [{"tier": "superpose"}, {"instance": 1}, {"instance": 2}]
     if case == "tactip-127":
-        others += [{"friction": 0.5}, {"instances": 4}, {"instances": 5}]
+        others += [{"friction": 0.4}, {"friction": 0.0}, {"friction_within": 0.0}]
+        others += [{"friction_between": 2.0}, {"instances": 4}, {"instances": 5}]
     if case.startswith("fitted"):
         others += [{"drag": 1.0}, {"dragged": 0.1}, {"spread": 2.0}]
     texts = {json.dumps(made(case, **other).describe(), sort_keys=True) for other in others}
@@ -182,9 +183,14 @@ def test_scenes_of_finite_elements_belong_to_the_tactips():
         beside = SPECS[f"{name}-fem"]
         assert beside.reference_of == name
         known = {p.name for p in SPECS[name].parameters}
-        assert known - {p.name for p in beside.parameters} == {"tier"}
-    for other in ({"instance": 1}, {"table": "mine.npz"}):
-        with pytest.raises(UserError, match="of the nominal dome, and sensor"):
+        lacking = known - {p.name for p in beside.parameters}
+        assert lacking == {"tier", "friction_between", "friction_within"}
+    for other, said in (
+        ({"instance": 1}, "of the nominal dome, and sensor"),
+        ({"table": "mine.npz"}, "of the nominal dome, and sensor"),
+        ({"friction": 0.5}, "train with sensor.friction=0"),
+    ):
+        with pytest.raises(UserError, match=said):
             Reference127(SensorContext(np.random.SeedSequence(0)), **other)
 
 
