@@ -125,6 +125,7 @@ class FittedSensor(SimulatedSensor):
     def __init__(
         self,
         context: SensorContext,
+        *,
         size: int = 256,
         drag: float = 5.0,
         dragged: float = 0.6,

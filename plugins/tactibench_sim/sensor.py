@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
 from tactibench_sim.camera import NUISANCES
 from tactibench_sim.contact import Tips, tips_of
+from tactibench_sim.hooks import tactibench_sensors
 from tactibench_sim.renderer import Renderer, streams
 
 Array = npt.NDArray[np.float64]
@@ -42,6 +43,20 @@ class SimulatedSensor(Sensor):
     """
 
     nuisances: tuple[str, ...] = NUISANCES
+
+    def __new__(cls, *_: object, **parameters: Any) -> Self:
+        """Check the parameters by what the plugin declares, as the command line does.
+
+        Raises:
+            UserError: A parameter is unknown, or a value is not allowed.
+        """
+        declared = {spec.target: spec for spec in tactibench_sensors()}
+        for base in cls.__mro__:
+            spec = declared.get(f"{base.__module__}:{base.__name__}")
+            if spec is not None:
+                spec.check(parameters)
+                break
+        return super().__new__(cls)
 
     def __init__(self, context: SensorContext, renderer: Renderer, resting: Array) -> None:
         """Render the rest frame.

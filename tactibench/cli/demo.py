@@ -142,7 +142,7 @@ def _subject(plan: RunPlan, text: str, terminal: Terminal, *, train: bool) -> Su
         model, _ = train_model(plan, terminal)
     encoder = None
     if plan.components.encoder is None:  # a map is drawn from its contacts, and labelled so
-        encoder = PluginHost().encoders[plan.spec.defaults.encoder].load()()
+        encoder = PluginHost().encoders[plan.spec.defaults.encoder].build()
     return Subject(label, model, encoder)
 
 
@@ -161,8 +161,7 @@ def _session(plan: RunPlan, subjects: list[Subject]) -> PressSession:
             values["instances"] = 0
         if instance:
             values["instance"] = instance
-        made: Sensor = sensor.spec.load()(SensorContext(np.random.SeedSequence(0)), **values)
-        return made
+        return sensor.spec.build(SensorContext(np.random.SeedSequence(0)), **values)
 
     return PressSession(
         make,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -266,12 +267,7 @@ def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource
             f"sensor.instances={count} presses {count} sensor instances, but a data set holds the "
             "rest frame of one; write a data set for each, with --param sensor.instance=N."
         )
-    target = spec.load()
-
-    def build(context: SensorContext) -> Sensor:
-        sensor: Sensor = target(context, **values)
-        return sensor
-
+    build = partial(spec.build, **values)
     sensor = build(_context((0,)))
     identity = {
         "name": spec.name,

@@ -293,7 +293,7 @@ def open_sensor(
     names = {parameter.name for parameter in spec.parameters}
     texts = {key: value for key, value in (preferred or {}).items() if key in names}
     values = spec.settings({**texts, **given})  # before anything heavy is imported
-    return spec.load()(context, **values)
+    return spec.build(context, **values)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from math import isfinite
+from math import inf, isfinite
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean, printable
@@ -22,6 +23,8 @@ T = TypeVar("T")
 
 Value = bool | int | float | str
 
+_NUMBERS = {bool: bool, int: Integral, float: Real}
+"""Types of values, those of numpy included, by the type of the default."""
 _TRUTHS = {
     **dict.fromkeys(("yes", "true", "1"), True),
     **dict.fromkeys(("no", "false", "0"), False),
@@ -90,34 +93,33 @@ class Parameter:
         """
         kind = type(self.default)
         try:
-            if kind is bool:
-                value: Value = _TRUTHS[text.lower()]
-            else:
-                value = kind(text)
+            return self.check(_TRUTHS[text.lower()] if kind is bool else kind(text))
         except (KeyError, ValueError):
-            names = {bool: "yes or no", int: "a whole number", float: "a number"}
-            raise UserError(
-                f"parameter {self.name!r} is {text!r}, but must be {names[kind]}."
-            ) from None
-        return self.check(value)
+            return self.check(text)
 
     def check(self, value: Value) -> Value:
         """Return an allowed value as it is.
 
         Raises:
-            UserError: The value is not among the choices, not finite, below ``low`` or above
-                ``high``.
+            UserError: The value is of another type than the default, not among the choices, not
+                finite, below ``low`` or above ``high``.
         """
+        kind = type(self.default)
+        if kind is not str and (
+            not isinstance(value, _NUMBERS[kind]) or isinstance(value, bool) is not (kind is bool)
+        ):
+            wanted = {bool: "yes or no", int: "a whole number", float: "a number"}[kind]
+            raise UserError(f"parameter {self.name!r} is {value!r}, but must be {wanted}.")
         if self.choices and value not in self.choices:
             allowed = ", ".join(str(choice) for choice in self.choices)
             raise UserError(f"parameter {self.name!r} is {value!r}; allowed: {allowed}.")
-        if isinstance(value, float) and not isfinite(value):
-            raise UserError(f"parameter {self.name!r} is {value}; it must be a finite number.")
         if not isinstance(value, str):
-            if self.low is not None and value < self.low:
-                raise UserError(f"parameter {self.name!r} is {value}; it must be >= {self.low}.")
-            if self.high is not None and value > self.high:
-                raise UserError(f"parameter {self.name!r} is {value}; it must be <= {self.high}.")
+            low = -inf if self.low is None else self.low
+            high = inf if self.high is None else self.high
+            if not (isfinite(value) and low <= value <= high):
+                limits = f"at least {low:g}" * isfinite(low), f"at most {high:g}" * isfinite(high)
+                wanted = " and ".join(filter(None, limits)) or "a finite number"
+                raise UserError(f"parameter {self.name!r} is {value}; it must be {wanted}.")
         return value
 
 
@@ -189,14 +191,30 @@ class _Spec(Generic[T]):
         Raises:
             UserError: A parameter is unknown, or a value is not allowed.
         """
-        by_name = {parameter.name: parameter for parameter in self.parameters}
-        for name in given:
-            if name not in by_name:
-                raise UserError(
-                    f"{self.name!r} has no parameter {name!r}; {did_you_mean(name, by_name)}"
-                )
-        set_values = {name: by_name[name].parse(text) for name, text in given.items()}
+        set_values = {name: self._parameter(name).parse(text) for name, text in given.items()}
         return {**self.defaults(set_values), **set_values}
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise UserError for a parameter that is unknown, and for a value that is not allowed."""
+        for name, value in values.items():
+            self._parameter(name).check(value)
+
+    def build(self, *context: Any, **values: Any) -> T:
+        """Import the class and make an instance with some values of its parameters.
+
+        Raises:
+            UserError: The class cannot be used, a parameter is unknown, or a value is not allowed.
+        """
+        self.check(values)
+        return self.load()(*context, **values)
+
+    def _parameter(self, name: str) -> Parameter:
+        by_name = {parameter.name: parameter for parameter in self.parameters}
+        if name not in by_name:
+            raise UserError(
+                f"{self.name!r} has no parameter {name!r}; {did_you_mean(name, by_name)}"
+            )
+        return by_name[name]
 
     def settings_of_record(self, stored: Mapping[str, object]) -> dict[str, Value]:
         """Return the settings that a record holds; parameters that this spec lacks are left out.

@@ -77,7 +77,7 @@ class BoundSpec(Generic[SpecT]):
         Raises:
             UserError: The class cannot be used.
         """
-        return self.spec.load()(*context, **self.values)
+        return self.spec.build(*context, **self.values)
 
     def code(self) -> str:
         """Return a hash of the source of the package, and of what it imports from outside.

@@ -332,7 +332,7 @@ class SensorPresses:
                 f"sensor {spec.name!r} presses only the scenes that it has, but the checks of a "
                 f"model draw their own; take another, such as {protocol.defaults.sensor!r}."
             )
-        sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
+        sensor = spec.build(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
         return cls(pressable(protocol, sensor), spec.name, sensor)
 
     def singles(self, count: int) -> Examples:
@@ -414,7 +414,7 @@ class ModelSubject:
         encoder = None
         if self.encoder is not None:
             spec, values = self.encoder
-            encoder = spec.load()(**values)
+            encoder = spec.build(**values)
         return ModelContext(
             answer=self.answer_kind,
             grid=protocol.grid.grid(),
@@ -425,7 +425,7 @@ class ModelSubject:
 
     def build(self, values: Mapping[str, Value] | None = None) -> Model:
         """Return a new, untrained model, with other values of its parameters if they are given."""
-        return self.spec.load()(self.context(), **(self.values if values is None else values))
+        return self.spec.build(self.context(), **(self.values if values is None else values))
 
     @cached_property
     def examples(self) -> Examples:
@@ -505,7 +505,7 @@ class ModelSubject:
         training = self.examples[:FIT]
         copies = Examples(tuple(map(writable, training.frames)), training.truth)
         with TemporaryDirectory() as folder:
-            model = self.spec.load()(self.context(Path(folder)), **self.values)
+            model = self.spec.build(self.context(Path(folder)), **self.values)
             self.fit(model, copies)
         return model, changed_images(training.frames, copies.frames)
 
@@ -579,7 +579,7 @@ class SensorSubject:
             seed: Seed of the sensor.
         """
         context = SensorContext(np.random.SeedSequence(seed), self.data)
-        return self.spec.load()(context, **(self.values if values is None else values))
+        return self.spec.build(context, **(self.values if values is None else values))
 
     @cached_property
     def unopened(self) -> Sensor:
@@ -641,7 +641,7 @@ class EncoderSubject:
 
     def build(self, values: Mapping[str, Value]) -> Encoder:
         """Return an encoder with given values of its parameters."""
-        return self.spec.load()(**values)
+        return self.spec.build(**values)
 
     @cached_property
     def encoder(self) -> Encoder:

@@ -28,7 +28,7 @@ from tactibench.datasets import (
 )
 from tactibench.frames import GeneratedFrameSet
 from tactibench.frames import cache as generated
-from tactibench.plugins import SensorSpec
+from tactibench.plugins import PluginHost
 from tactibench.protocols import Protocol, load_protocol
 
 SHAPE = (6, 5)
@@ -229,7 +229,7 @@ def test_an_empty_or_missing_plan(tmp_path: Path) -> None:
 
 
 def test_a_source_says_what_determines_its_frames() -> None:
-    spec = SensorSpec("tactip-127", "tactibench_sim.tactip:TacTip127", "x")
+    spec = PluginHost().sensors["tactip-127"]
     source = sensor_source(spec, {"size": 32})
     assert source.dome_radius_mm == 20.0
     assert source.identity["parameters"] == {"size": 32}

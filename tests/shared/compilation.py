@@ -20,16 +20,16 @@ from tactibench.superposition import Field, solve
 sensors = PluginHost().sensors
 several = (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0)))
 spec = sensors["tactip-127"]
-with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+with spec.build(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
     for frame in sensor.press_many(Scene(indenter, Pose(depth=2.0)) for indenter in several):
         pass
     sensor.bound(Scene(several[0], Pose(depth=2.0)))
 rough = spec.settings({"friction": "0.5"})
-with spec.load()(SensorContext(np.random.SeedSequence(1)), **rough) as sensor:
+with spec.build(SensorContext(np.random.SeedSequence(1)), **rough) as sensor:
     sensor.press(Scene(several[0], Pose(depth=2.0, dx=1.0)))
 for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Indenter.plate())):
     spec = sensors[name]
-    with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+    with spec.build(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
         sensor.press(Scene(indenter, Pose(depth=2.0)))
 rng = np.random.default_rng(1)
 field = Field.learn(rng.uniform(1, 5, (20, 3)), rng.normal(size=(20, 8)))
@@ -47,7 +47,7 @@ contacts = Contacts.truth([[0.0, 1.0]], [2.0])
 for spec in PluginHost().encoders:
     for parameter in spec.parameters:
         for choice in parameter.choices or (parameter.default,):
-            encoder = spec.load()(**spec.settings({parameter.name: str(choice)}))
+            encoder = spec.build(**spec.settings({parameter.name: str(choice)}))
             maps = np.stack([encoder.encode(contacts, grid)] * 2)
             encoder.decode_batch(maps, grid)
 frames, _ = presses(4, seed=1)

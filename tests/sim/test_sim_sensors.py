@@ -1,6 +1,7 @@
 """What every simulated sensor keeps: order, threads, seeds, noise, descriptions, parameters."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -176,6 +177,36 @@ def test_the_specs_fit_the_classes(name):
     built = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings({}))
     assert built.describe() == spec.load()(SensorContext(np.random.SeedSequence(0))).describe()
     assert spec.name == built.describe()["sensor"]
+
+
+BAD_VALUES = {
+    "friction": (-1, math.nan, "0.5", 3.0),
+    "pin_length": (-5, 10.0, math.inf),
+    "instance": (-1, 0.5, True, None),
+    "instances": (-1, 1001),
+    "tier": ("none", 1),
+    "size": (8, 64.5, "64"),
+    "focal": (math.nan, 0.0),
+    "background": (-1.0, 255.0),
+    "noise": ("yes", 1),
+    "spread": (-0.1, 9),
+    "dragged": (1.5,),
+    "glare": (-1, math.nan),
+    "unheard_of": (1,),
+}
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_python_is_refused_what_the_command_line_is_refused(name):
+    """Through the class itself, and through the spec, by which plugins and runs build it."""
+    spec, context = SPECS[name], SensorContext(np.random.SeedSequence(0))
+    known = {parameter.name for parameter in spec.parameters}
+    for parameter, values in BAD_VALUES.items():
+        for value in values:
+            match = f"'{parameter}' is " if parameter in known else f"no parameter '{parameter}'"
+            for build in (spec.build, spec.load()):
+                with pytest.raises(UserError, match=match):
+                    build(context, **{parameter: value})
 
 
 def test_scenes_of_finite_elements_belong_to_the_tactips():
