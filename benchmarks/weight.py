@@ -55,7 +55,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/live": (409, 4),
     "tactibench/markers": (1743, 8),
     "tactibench/metrics": (1575, 10),
-    "tactibench/plugins": (619, 5),
+    "tactibench/plugins": (629, 5),
     "tactibench/protocols": (1064, 5),
     "tactibench/records": (812, 7),
     "tactibench/report": (3045, 15),

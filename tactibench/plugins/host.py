@@ -292,8 +292,7 @@ def open_sensor(
     spec = PluginHost().sensors[name]
     names = {parameter.name for parameter in spec.parameters}
     texts = {key: value for key, value in (preferred or {}).items() if key in names}
-    values = spec.settings({**texts, **given})  # before anything heavy is imported
-    return spec.build(context, **values)
+    return spec.build(context, **spec.settings({**texts, **given}))
 
 
 @dataclass(frozen=True)

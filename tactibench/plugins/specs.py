@@ -23,8 +23,13 @@ T = TypeVar("T")
 
 Value = bool | int | float | str
 
-_NUMBERS = {bool: bool, int: Integral, float: Real}
-"""Types of values, those of numpy included, by the type of the default."""
+_KINDS: dict[type, tuple[type, str]] = {
+    bool: (bool, "yes or no"),
+    str: (object, "a text"),
+    int: (Integral, "a whole number"),
+    float: (Real, "a finite number"),
+}
+"""Type of the default -> type of the values, numpy's included, and its words."""
 _TRUTHS = {
     **dict.fromkeys(("yes", "true", "1"), True),
     **dict.fromkeys(("no", "false", "0"), False),
@@ -93,34 +98,29 @@ class Parameter:
         """
         kind = type(self.default)
         try:
-            return self.check(_TRUTHS[text.lower()] if kind is bool else kind(text))
+            value: Value = _TRUTHS[text.lower()] if kind is bool else kind(text)
         except (KeyError, ValueError):
-            return self.check(text)
+            value = text
+        self.check(value)
+        return value
 
-    def check(self, value: Value) -> Value:
-        """Return an allowed value as it is.
+    def check(self, value: Any) -> None:
+        """Raise UserError unless the value is allowed.
 
-        Raises:
-            UserError: The value is of another type than the default, not among the choices, not
-                finite, below ``low`` or above ``high``.
+        It has the type of the default, is among the choices, finite, and within ``low``..``high``.
         """
-        kind = type(self.default)
-        if kind is not str and (
-            not isinstance(value, _NUMBERS[kind]) or isinstance(value, bool) is not (kind is bool)
-        ):
-            wanted = {bool: "yes or no", int: "a whole number", float: "a number"}[kind]
-            raise UserError(f"parameter {self.name!r} is {value!r}, but must be {wanted}.")
         if self.choices and value not in self.choices:
             allowed = ", ".join(str(choice) for choice in self.choices)
             raise UserError(f"parameter {self.name!r} is {value!r}; allowed: {allowed}.")
-        if not isinstance(value, str):
-            low = -inf if self.low is None else self.low
-            high = inf if self.high is None else self.high
-            if not (isfinite(value) and low <= value <= high):
-                limits = f"at least {low:g}" * isfinite(low), f"at most {high:g}" * isfinite(high)
-                wanted = " and ".join(filter(None, limits)) or "a finite number"
-                raise UserError(f"parameter {self.name!r} is {value}; it must be {wanted}.")
-        return value
+        kind, wanted = _KINDS[type(self.default)]
+        low = -inf if self.low is None else self.low
+        high = inf if self.high is None else self.high
+        wanted += f", at least {low:g}" * isfinite(low) + f", at most {high:g}" * isfinite(high)
+        right = isinstance(value, kind) and isinstance(value, bool) is (kind is bool)
+        if right and kind in (Integral, Real):
+            right = isfinite(value) and low <= value <= high
+        if not right:
+            raise UserError(f"parameter {self.name!r} is {value!r}, but must be {wanted}.")
 
 
 def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:

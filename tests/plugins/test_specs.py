@@ -24,22 +24,27 @@ from tactibench.records import BoundSpec
 WIDTH = Parameter("width", 16, "channels", low=1, high=64)
 RATE = Parameter("rate", 0.5, "a rate")
 NOISE = Parameter("noise", True, "noise on or off")
+WHOLE = "a whole number, at least 1, at most 64"
 WORD = Parameter("recipe", "default", "recipe", choices=("default", "paper"))
 
 
 @given(st.integers().filter(lambda n: not 1 <= n <= 64))
 def test_whole_numbers_out_of_range_are_refused(value: int) -> None:
-    with pytest.raises(UserError, match=r"'width' is -?\d+; it must be at least 1 and at most 64"):
+    with pytest.raises(UserError, match=rf"'width' is -?\d+, but must be {WHOLE}"):
         WIDTH.parse(str(value))
 
 
 @pytest.mark.parametrize(
     ("parameter", "text", "sentence"),
     [
-        (WIDTH, "wide", "parameter 'width' is 'wide', but must be a whole number."),
-        (WIDTH, "", "parameter 'width' is '', but must be a whole number."),
-        (RATE, "much", "parameter 'rate' is 'much', but must be a number."),
-        (RATE, "nan", "parameter 'rate' is nan; it must be a finite number."),
+        (
+            WIDTH,
+            "wide",
+            f"parameter 'width' is 'wide', but must be {WHOLE}.",
+        ),
+        (WIDTH, "", f"parameter 'width' is '', but must be {WHOLE}."),
+        (RATE, "much", "parameter 'rate' is 'much', but must be a finite number."),
+        (RATE, "nan", "parameter 'rate' is nan, but must be a finite number."),
         (NOISE, "maybe", "parameter 'noise' is 'maybe', but must be yes or no."),
         (WORD, "papper", "parameter 'recipe' is 'papper'; allowed: default, paper."),
     ],
@@ -53,12 +58,24 @@ def test_values_that_are_not_allowed(parameter: Parameter, text: str, sentence: 
 @pytest.mark.parametrize(
     ("parameter", "value", "sentence"),
     [
-        (WIDTH, 0, "parameter 'width' is 0; it must be at least 1 and at most 64."),
-        (WIDTH, 8.0, "parameter 'width' is 8.0, but must be a whole number."),
-        (WIDTH, True, "parameter 'width' is True, but must be a whole number."),
-        (WIDTH, None, "parameter 'width' is None, but must be a whole number."),
-        (RATE, np.float32("inf"), "parameter 'rate' is inf; it must be a finite number."),
-        (RATE, "0.5", "parameter 'rate' is '0.5', but must be a number."),
+        (WIDTH, 0, f"parameter 'width' is 0, but must be {WHOLE}."),
+        (
+            WIDTH,
+            8.0,
+            f"parameter 'width' is 8.0, but must be {WHOLE}.",
+        ),
+        (
+            WIDTH,
+            True,
+            f"parameter 'width' is True, but must be {WHOLE}.",
+        ),
+        (
+            WIDTH,
+            None,
+            f"parameter 'width' is None, but must be {WHOLE}.",
+        ),
+        (RATE, float("inf"), "parameter 'rate' is inf, but must be a finite number."),
+        (RATE, "0.5", "parameter 'rate' is '0.5', but must be a finite number."),
         (NOISE, 1, "parameter 'noise' is 1, but must be yes or no."),
         (WORD, 3, "parameter 'recipe' is 3; allowed: default, paper."),
     ],
