@@ -136,7 +136,7 @@ class SimulatedTacTip(SimulatedSensor):
         if instances > 1:
             from tactibench_sim.instances import TrainingInstances
 
-            shared = {"tier": tier, "pin_length": pin_length, "friction": friction, **optical}
+            shared = {"tier": tier, "pin_length": length, "friction": friction, **optical}
             make = partial(type(self), context, **shared | self._spreads)
             self.instances = TrainingInstances(make, context.seed, instances)
 
