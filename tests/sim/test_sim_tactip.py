@@ -8,7 +8,16 @@ from fem_script import write_tables
 
 from tactibench import Contacts, Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import true_contacts
-from tactibench_sim import TacTip127, shipped_dome, shipped_file
+from tactibench.markers import Tracker
+from tactibench_sim import (
+    TableMechanics,
+    TacTip127,
+    TacTip331,
+    layout,
+    shipped_dome,
+    shipped_file,
+    tips_of,
+)
 
 GRID = Grid.centred(64, 0.4)
 
@@ -29,6 +38,31 @@ def test_a_press_changes_the_frame_where_it_is():
     assert away[:, 64:].sum() > 1.5 * away[:, :64].sum()
     down = np.abs(one.press(single(y=5.0, depth=2.0)).image - rest)
     assert down[64:].sum() > 1.5 * down[:64].sum()
+
+
+@pytest.mark.parametrize("kind", [TacTip127, TacTip331])
+def test_all_pins_are_told_apart_at_rest_and_pressed(kind):
+    """In frames of 128 px, where the real rest frames have them; pairs of pins 3.9 px apart."""
+    one = kind(SensorContext(np.random.SeedSequence(7)), noise=False)
+    tracker = Tracker(one.rest().image)
+    assert len(tracker.rest) == one.pins
+    seen = np.stack(one.renderer.project(one.points([single()]))[:2], axis=-1)[0]
+    apart = np.linalg.norm(tracker.rest[:, None] - seen, axis=2)
+    assert apart.min(axis=1).max() < 0.15
+    scenes = [single(4.0, -3.0, depth) for depth in (1.0, 2.0, 4.0)]
+    tracks = tracker.track(np.stack([one.press(scene).image for scene in scenes]))
+    assert tracks.seen.mean() > 0.97
+    places = np.stack(one.renderer.project(one.points(scenes))[:2], axis=-1)
+    off = np.linalg.norm(tracks.xy - places[:, apart.argmin(axis=1)], axis=2)
+    assert np.median(off[tracks.seen]) < 0.1
+
+
+def test_without_friction_pins_are_where_the_tables_say_bit_for_bit():
+    one, tables = sensor(friction=0.0), TableMechanics(shipped_dome(), "coupled")
+    scenes = [single(6.0, 2.0, 3.0), single(0.0, 5.0, 2.0, dx=1.0)]
+    tips = tables.pin_tips(tables.loads(tips_of(scenes)), layout(127), one.pin_length)
+    assert np.array_equal(one.points(scenes), tips)
+    assert not np.array_equal(sensor(friction=0.5).points(scenes), tips)
 
 
 def test_lost_pins_are_not_seen():
