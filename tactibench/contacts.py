@@ -41,6 +41,8 @@ class Contacts:
         depth: (N,) travel past first touch, mm.
         score: (N,) in 0..1, descending; truth has score 1.
         std: (N, 3) the model's own 1-sigma of x, y and depth, mm.
+        force: (N, 3) force on the skin along x, y and z, N; None: not known. The part along the
+            line from a tip's centre to the dome's is the normal force, the rest the tangential one.
 
     Raises:
         ValueError: Shapes do not fit, a value is not finite, or a score lies outside 0..1.
@@ -50,6 +52,7 @@ class Contacts:
     depth: FloatArray
     score: FloatArray
     std: FloatArray | None = None
+    force: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n = np.size(self.depth)
@@ -58,8 +61,9 @@ class Contacts:
             "depth": _column(self.depth, (n,), "depth"),
             "score": _column(self.score, (n,), "score"),
         }
-        if self.std is not None:
-            columns["std"] = _column(self.std, (n, 3), "std")
+        for name, values in (("std", self.std), ("force", self.force)):
+            if values is not None:
+                columns[name] = _column(values, (n, 3), name)
         score = columns["score"].tolist()
         if n and not (min(score) >= 0 and max(score) <= 1):
             raise ValueError("score lies outside 0..1")
@@ -70,9 +74,12 @@ class Contacts:
             object.__setattr__(self, name, column)
 
     @classmethod
-    def truth(cls, xy: npt.ArrayLike, depth: npt.ArrayLike) -> Contacts:
+    def truth(
+        cls, xy: npt.ArrayLike, depth: npt.ArrayLike, force: npt.ArrayLike | None = None
+    ) -> Contacts:
         """Return contacts that are true rather than predicted: every score is 1."""
-        return cls(np.asarray(xy), np.asarray(depth), np.ones(np.size(depth)))
+        known = None if force is None else np.asarray(force)
+        return cls(np.asarray(xy), np.asarray(depth), np.ones(np.size(depth)), force=known)
 
     @classmethod
     def none(cls) -> Contacts:
@@ -84,8 +91,8 @@ class Contacts:
 
     def top(self, count: int) -> Contacts:
         """Return the ``count`` contacts with the highest scores."""
-        std = None if self.std is None else self.std[:count]
-        return Contacts(self.xy[:count], self.depth[:count], self.score[:count], std)
+        std, force = (None if c is None else c[:count] for c in (self.std, self.force))
+        return Contacts(self.xy[:count], self.depth[:count], self.score[:count], std, force)
 
 
 @dataclass(frozen=True)
@@ -254,12 +261,14 @@ class Frame:
         pose: Pose that the indenter actually reached.
         rest: Signal of the undeformed sensor, of the same shape, if there is one. Where presses are
             spread over several sensor instances, it is that of the instance that was pressed.
+        force: (K, 3) force on the skin of every true contact, N, see ``Contacts``; None: not known.
     """
 
     signal: Signal
     timestamp: float
     pose: Pose
     rest: Signal | None = field(default=None, repr=False)
+    force: FloatArray | None = field(default=None, repr=False)
 
     @property
     def image(self) -> npt.NDArray[np.uint8]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.contacts import Contacts, FloatArray, Indenter, PlatePose, Pose, Scene
 from tactibench.errors import UserError
@@ -101,7 +102,9 @@ def scene_of_contacts(
     return press(heights - heights.min())
 
 
-def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:
+def true_contacts(
+    scene: Scene, dome_radius: float = DOME_RADIUS_MM, force: npt.ArrayLike | None = None
+) -> Contacts:
     """Return the contacts of a scene; a tip that does not touch has no contact.
 
     A plate touches at ``dome_radius * sin(tilt)`` along its tilt axis with the depth of the pose.
@@ -109,16 +112,17 @@ def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts
     Args:
         scene: The press.
         dome_radius: Radius of the surface, mm; inf for a flat pad.
+        force: (N, 3) forces of the contacts, N; None: not known.
 
     Raises:
         UserError: The indenter is a plate and the surface a flat pad, which it touches everywhere.
     """
     if scene.indenter.is_plate:
-        xy = plate_contact_xy(scene, dome_radius)
-        return Contacts.truth([xy], [scene.pose.depth]) if scene.pose.depth > 0 else Contacts.none()
+        xy, depth = [plate_contact_xy(scene, dome_radius)], scene.pose.depth
+        return Contacts.truth(xy, [depth], force) if depth > 0 else Contacts.none()
     depth = tip_depths(scene, dome_radius)
     touching = depth > 0
-    return Contacts.truth(tip_positions(scene)[touching, :2], depth[touching])
+    return Contacts.truth(tip_positions(scene)[touching, :2], depth[touching], force)
 
 
 def plate_contact_xy(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> tuple[float, float]:

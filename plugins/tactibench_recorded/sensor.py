@@ -182,8 +182,9 @@ class RecordedSensor(Sensor):
         return self._recording.rest_signal()
 
     def _frame(self, number: int) -> Frame:
-        signal = self._recording.signal(self._rows[number])
-        return Frame(signal, float(number), self._scenes[number].pose, self._rest_signal)
+        row, pose = self._rows[number], self._scenes[number].pose
+        signal, force = self._recording.signal(row), self._recording.force(row)
+        return Frame(signal, float(number), pose, self._rest_signal, force)
 
     def _of_frames(self, values: Sequence[str]) -> list[str]:
         """Return what the frames with a scene have, of the values of all rows."""

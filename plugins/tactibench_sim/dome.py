@@ -188,6 +188,10 @@ class TableMechanics:
         """
         return _joined(loads, _forces)
 
+    def contact_forces(self, loads: tuple[Loads, ...]) -> Array:
+        """Return the (S, K, 3) forces of the tips on the skin, E_skin mm^2: along -n."""
+        return _joined(loads, lambda part: -_forces(part)[..., None] * part.n)
+
     def push_aside(self, loads: tuple[Loads, ...]) -> Array:
         """Return (S, K, 3) mm: how far the others' normal loads move the outer skin under a tip."""
         return _joined(loads, _push_aside)

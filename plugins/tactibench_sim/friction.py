@@ -440,6 +440,13 @@ class FrictionMechanics:
         """Return the (S, K) normal force of every tip, E_skin mm^2."""
         return self.frictionless.forces(loads.pressed)
 
+    def contact_forces(self, loads: DraggedLoads) -> Array:
+        """Return the (S, K, 3) forces of the tips on the skin, E_skin mm^2."""
+        forces = self.frictionless.contact_forces(loads.pressed)
+        for pull in loads.pulls:
+            forces[pull.rows] += pull.force
+        return forces
+
 
 def steps_of(tips: Tips) -> Iterator[tuple[Tips, Array, Array]]:
     """Yield the tips step by step on the way to where they are: down, then sideways.

@@ -52,6 +52,13 @@ DOME = (
         low=0.0,
         high=1.0,
     ),
+    Parameter(
+        "modulus",
+        0.0,
+        "Young's modulus of the skin, MPa, with which presses tell forces; 0: they tell none",
+        low=0.0,
+        high=1000.0,
+    ),
 )
 PLANAR = (
     TIER,
@@ -109,7 +116,7 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             parameters=tuple(
                 replace(p, default=0.0) if p.name == "friction" else p
                 for p in dome.parameters
-                if p.name not in {"tier", "friction_between", "friction_within"}
+                if p.name not in {"tier", "friction_between", "friction_within", "modulus"}
             ),
             reference_of=dome.name,
             scenes="finite-element scenes",

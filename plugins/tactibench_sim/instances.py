@@ -367,6 +367,10 @@ class TrainingInstances:
         rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
         return RESERVED + int(rng.integers(self.count))
 
+    def sensor_of(self, press: int) -> Any:
+        """Return the sensor of a press's instance."""
+        return self._sensor(self.number_of(press))
+
     def rest_of(self, press: int) -> Images:
         """Return the rest frame of a press's instance, the same array for all its presses."""
         number = self.number_of(press)

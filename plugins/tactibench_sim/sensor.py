@@ -127,13 +127,17 @@ class SimulatedSensor(Sensor):
 
         The image is copied, so that its whole batch does not stay in memory.
         """
-        rest = self._rest_of(self._count)
+        rest, force = self._rest_of(self._count), self._force_of(scene, self._count)
         self._count += 1
-        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, rest)
+        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, rest, force)
 
     def _rest_of(self, number: int) -> Images:  # noqa: ARG002 - one sensor has one rest frame
         """Return the rest image of the sensor instance on which press ``number`` is made."""
         return self._rest
+
+    def _force_of(self, scene: Scene, number: int) -> Array | None:  # noqa: ARG002 - not known
+        """Return the (K, 3) forces of the true contacts of press ``number``, N."""
+        return None
 
     def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
         """Return the tips of scenes, of a sensor with a dome.

@@ -63,6 +63,7 @@ class SimulatedTacTip(SimulatedSensor):
         friction: float = FRICTION,
         friction_between: float = FRICTION_BETWEEN,
         friction_within: float = FRICTION_WITHIN,
+        modulus: float = 0.0,
         **optical: Any,
     ) -> None:
         """Build the dome, its pins and its camera.
@@ -80,6 +81,7 @@ class SimulatedTacTip(SimulatedSensor):
                 friction.
             friction_between: Factor either way by which the coefficient differs between instances.
             friction_within: Standard deviation from press to press, as a share of the coefficient.
+            modulus: Young's modulus of the skin, MPa, of every instance; 0: forces are not told.
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
@@ -125,7 +127,7 @@ class SimulatedTacTip(SimulatedSensor):
                 "friction_between": friction_between,
                 "friction_within": friction_within,
             }
-        self.lost = lost
+        self.lost, self.modulus = lost, modulus
         self.directions = layout(self.pins)[~lost]
         still = np.zeros(self.directions.shape)
         resting = tips_of_pins(mechanics.inner, self.directions, (still, still), self.pin_length)
@@ -141,12 +143,25 @@ class SimulatedTacTip(SimulatedSensor):
             self.instances = TrainingInstances(make, context.seed, instances)
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
-        states, shares = streams(self._seed, first, len(scenes)), None
-        if within := self._spreads.get("friction_within"):
-            shares = friction_shares(self._seed, within, first, len(scenes))
+        states, shares = streams(self._seed, first, len(scenes)), self._shares(first, len(scenes))
         if self.instances is not None:
             return self.instances.images(scenes, first, states, shares)
         return self.renderer.frames(self.rubbed(scenes, shares), states)
+
+    def _shares(self, first: int, count: int) -> Array | None:
+        """Return the (count,) coefficients of friction over that of the sensor; None: all 1."""
+        within = self._spreads.get("friction_within")
+        return friction_shares(self._seed, within, first, count) if within else None
+
+    def _force_of(self, scene: Scene, number: int) -> Array | None:
+        """Return the (K, 3) forces of the true contacts of press ``number``, N."""
+        if not self.modulus:
+            return None
+        used = self if self.instances is None else self.instances.sensor_of(number)
+        tips = used.rubbing_tips([scene], self._shares(number, 1))
+        forces = used.mechanics.contact_forces(used.mechanics.loads(tips))
+        touching: Array = self.modulus * forces[0, tips.depth[0] > 0]
+        return touching
 
     def rubbed(self, scenes: Sequence[Scene], shares: Array | None) -> Array:
         """Return the (S, P, 3) pin tips in presses that each have their own friction, mm.
@@ -158,10 +173,12 @@ class SimulatedTacTip(SimulatedSensor):
         Raises:
             UserError: A scene cannot be pressed.
         """
+        return self.places(self.rubbing_tips(scenes, shares))
+
+    def rubbing_tips(self, scenes: Sequence[Scene], shares: Array | None) -> Tips:
+        """Return the tips of scenes with their own coefficients of friction (``rubbed``)."""
         tips = tips_of(scenes)
-        if shares is not None:
-            tips = replace(tips, friction=self.friction * shares)
-        return self.places(tips)
+        return tips if shares is None else replace(tips, friction=self.friction * shares)
 
     def _rest_of(self, number: int) -> Images:
         return self._rest if self.instances is None else self.instances.rest_of(number)
@@ -205,12 +222,6 @@ class SimulatedTacTip(SimulatedSensor):
         drag = int((self._dragged(scenes) & (tips.depth > 0).any(axis=1)).sum())
         return {**counts, "drag": drag} if drag else counts
 
-    def forces(self, scene: Scene) -> Array:
-        """Return the (K,) normal forces of the contacts, E_skin mm^2."""
-        tips = tips_of([scene])
-        touching: Array = self.mechanics.forces(self.mechanics.loads(tips))[0, tips.depth[0] > 0]
-        return touching
-
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, except the seed."""
         return {
@@ -226,6 +237,7 @@ class SimulatedTacTip(SimulatedSensor):
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
             **({"friction": self.friction, **self._spreads} if self.friction else {}),
+            **({"modulus_mpa": self.modulus} if self.modulus else {}),
             **({} if self.instances is None else {"instances": self.instances.describe()}),
         }
 

@@ -176,7 +176,7 @@ class Dataset:
 
     def contacts(self, sample: Sample) -> Contacts | None:
         """Return the contacts of a sample on the header's dome; None where one is unknown."""
-        return contacts_of(sample.scene, self.header.dome_radius_mm)
+        return contacts_of(sample.scene, self.header.dome_radius_mm, sample.contacts_force_n)
 
     def signal(self, sample: Sample) -> Signal:
         """Return the signal of a sample.

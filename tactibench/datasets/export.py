@@ -162,6 +162,7 @@ def _schema(rows: Sequence[dict[str, Any]], *, images: bool) -> pa.Schema:
     contacts = {  # the same where no press touches, so that all lists are empty
         "contacts_xy_mm": pa.list_(pa.list_(pa.float64())),
         "contacts_depth_mm": pa.list_(pa.float64()),
+        "contacts_force_n": pa.list_(pa.list_(pa.float64())),
     }
     types = {
         name: contacts.get(name) or pa.array([row.get(name) for row in rows]).type for name in names

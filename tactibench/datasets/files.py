@@ -21,6 +21,7 @@ from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.datasets.schema import (
     CHANNEL_FILE,
     SPLITS,
+    Forces,
     Sample,
     Status,
     contacts_of,
@@ -121,6 +122,7 @@ class Row(SceneKeys):
     n_contacts: NonNegativeInt | None = None
     contacts_xy_mm: tuple[tuple[float, float], ...] = ()
     contacts_depth_mm: tuple[float, ...] = ()
+    contacts_force_n: Forces | None = None
     labels: dict[str, float] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)
 
@@ -140,11 +142,16 @@ def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
         del row["t_frame_ns"]
     if sample.scene is not None:
         row |= scene_keys(sample.scene)
-    contacts = contacts_of(sample.scene, dome_radius_mm)
+    try:
+        contacts = contacts_of(sample.scene, dome_radius_mm, sample.contacts_force_n)
+    except ValueError as error:
+        raise UserError(f"sample {sample.id}: {error}; give one force for every contact.") from None
     if contacts is not None:
         row["n_contacts"] = len(contacts)
         row["contacts_xy_mm"] = contacts.xy.tolist()
         row["contacts_depth_mm"] = contacts.depth.tolist()
+        if contacts.force is not None:
+            row["contacts_force_n"] = contacts.force.tolist()
     row |= {key: value for key in ("labels", "extra") if (value := dict(getattr(sample, key)))}
     return json_line(row, f"sample {sample.id}")
 

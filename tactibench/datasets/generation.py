@@ -417,7 +417,9 @@ def press_series(source: SensorSource, series: PressSeries) -> Iterator[Draft]:
         for press, frame in zip(series.presses, frames, strict=True):
             scene = replace(press.scene, pose=frame.pose)
             extra = {"draw": press.draw} if press.draw else {}
-            yield Draft(frame.signal, press.id, scene, press=press.name, extra=extra)
+            force = None if frame.force is None else tuple(map(tuple, frame.force.tolist()))
+            draft = Draft(frame.signal, press.id, scene, press=press.name, extra=extra)
+            yield replace(draft, contacts_force_n=force)
 
 
 def _rest_signal(source: SensorSource, plan: PressPlan) -> Signal:

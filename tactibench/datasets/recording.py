@@ -127,6 +127,12 @@ class Recording:
     def __len__(self) -> int:
         return len(self.names)
 
+    def force(self, row: int) -> FloatArray | None:
+        """Return the (K, 3) forces of the contacts of a frame, N; None: not recorded."""
+        sample = None if self.dataset is None else self.dataset.samples[self.rows[row]]
+        known = None if sample is None else sample.contacts_force_n
+        return None if known is None else np.array(known, dtype=np.float64).reshape(-1, 3)
+
     def signal(self, row: int) -> Signal:
         """Return the signal of a frame: its image, or its channels.
 

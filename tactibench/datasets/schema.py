@@ -64,6 +64,7 @@ FRAMES = {
 }
 
 Status = Literal["ok", "bad"]
+Forces = tuple[tuple[float, float, float], ...]
 
 _FLAT = "flat"
 _REFERENCE_NAME = re.compile(rf"{REFERENCE}/(rest|\d{{6,}})\.png")
@@ -155,6 +156,7 @@ class Sample:
         session: Name of the recording session.
         attempt: 1 for the first attempt at this sample.
         t_frame_ns: Time of the frame on a clock that never steps back.
+        contacts_force_n: Force on the skin of every contact along x, y and z, N; None: not known.
         extra: Anything else that was recorded, as JSON values.
     """
 
@@ -168,6 +170,7 @@ class Sample:
     session: str = ""
     attempt: int = 1
     t_frame_ns: int | None = None
+    contacts_force_n: Forces | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -188,6 +191,7 @@ class Draft:
     press: str = ""
     session: str = ""
     t_frame_ns: int | None = None
+    contacts_force_n: Forces | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
     status: Status = "ok"
     attempt: int = 1
@@ -221,12 +225,18 @@ def is_dataset(folder: Path) -> bool:
     return (folder / HEADER).is_file()
 
 
-def contacts_of(scene: Scene | None, dome_radius_mm: float | None) -> Contacts | None:
-    """Return the contacts of a scene; None where the scene, the dome or a point is unknown."""
+def contacts_of(
+    scene: Scene | None, dome_radius_mm: float | None, forces: Forces | None = None
+) -> Contacts | None:
+    """Return the contacts of a scene; None where the scene, the dome or a point is unknown.
+
+    Raises:
+        ValueError: There is not one force for every contact.
+    """
     if scene is None or dome_radius_mm is None:
         return None
     try:
-        return true_contacts(scene, dome_radius_mm)
+        return true_contacts(scene, dome_radius_mm, forces)
     except UserError:  # a plate on a flat pad touches everywhere
         return None
 

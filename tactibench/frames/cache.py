@@ -39,6 +39,8 @@ sideways."""
 REST_ARRAYS = ("rests", "rest_of")
 """Further files of a set whose frames are of several sensor instances: (K, ...) the different rest
 signals, and (N,) the number of the rest signal of each frame."""
+FORCE = "forces"
+"""Further file of a set whose sensor tells the forces of contacts: (N, K, 3) N, NaN for none."""
 
 Chunk = dict[str, npt.NDArray[Any]]
 
@@ -116,13 +118,16 @@ class GeneratedFrameSet(FrameSet):
             if f"{REST_ARRAYS[0]}.npy" in manifest["files"]:
                 rests, rest_of = (np.load(folder / f"{name}.npy") for name in REST_ARRAYS)
             poses = np.load(folder / "poses.npy")
+            forces: list[npt.NDArray[np.float64] | None] = [None] * len(signals)
+            if f"{FORCE}.npy" in manifest["files"]:
+                forces = [row[~np.isnan(row[:, 0])] for row in np.load(folder / f"{FORCE}.npy")]
         rests.setflags(write=False)
         shared = list(rests)  # frames of one instance hold one and the same array
         frames = [
             # A generated frame's time is its number.
-            Frame(signal, float(i), Pose(*pose), shared[number])
-            for i, (signal, pose, number) in enumerate(
-                zip(signals, poses.tolist(), rest_of.tolist(), strict=True)
+            Frame(signal, float(i), Pose(*pose), shared[number], force)
+            for i, (signal, pose, number, force) in enumerate(
+                zip(signals, poses.tolist(), rest_of.tolist(), forces, strict=True)
             )
         ]
         content = self._content_hash(manifest["files"])
@@ -137,7 +142,7 @@ class GeneratedFrameSet(FrameSet):
             files: Hash of every file, by its name.
         """
         scenes = digest([[_as_json(scene) for scene in self.scenes], self._surface])
-        names = [f"{name}.npy" for name in (*ARRAYS, *REST_ARRAYS)]
+        names = [f"{name}.npy" for name in (*ARRAYS, *REST_ARRAYS, FORCE)]
         return combined([*(files[name] for name in names if name in files), scenes])
 
     @property
@@ -182,6 +187,8 @@ def _generate(
         "poses": np.concatenate([chunk["poses"] for chunk in chunks] or [np.empty((0, 5))]),
         **_join_rests(chunks, rest),
     }
+    if chunks and FORCE in chunks[0]:
+        arrays[FORCE] = np.concatenate([chunk[FORCE] for chunk in chunks])
 
     def fill(folder: Path) -> dict[str, Any]:
         for name, array in arrays.items():
@@ -206,10 +213,17 @@ def _press(frame_set: GeneratedFrameSet, number: int, scenes: tuple[Scene, ...])
             shapes = f"{frame.signal.shape} with a rest frame of shape {frame.rest.shape}"
             raise _wrong(frame_set, f"a frame of shape {shapes}")
     columns = 8 if any(scene.pose.moved for scene in frame_set.scenes) else 5
+    most = max(len(scene.indenter.offsets) for scene in frame_set.scenes)
+    forces = [
+        np.pad(frame.force, ((0, most - len(frame.force)), (0, 0)), constant_values=np.nan)
+        for frame in frames
+        if frame.force is not None
+    ]
     return {
         "images": np.stack([frame.signal for frame in frames]),
         "poses": np.array([astuple(frame.pose)[:columns] for frame in frames], dtype=np.float64),
         **_rests_of(frames),
+        **({FORCE: np.stack(forces)} if len(forces) == len(frames) else {}),
     }
 
 

@@ -46,7 +46,8 @@ class Presses:
         if answer == "plate":
             return [plate_pose(scene) for scene in self.reached()]
         radius = dome_radius if self.dome_radius is None else self.dome_radius
-        return [true_contacts(scene, radius) for scene in self.reached()]
+        reached = zip(self.reached(), self.frames, strict=True)
+        return [true_contacts(scene, radius, frame.force) for scene, frame in reached]
 
     def reached(self) -> list[Scene]:
         """Return the scenes with the poses that the sensor says it reached."""

@@ -389,15 +389,6 @@ class Sensor(ABC):
         """
         return {}
 
-    def forces(self, scene: Scene) -> FloatArray | None:  # noqa: ARG002
-        """Return the (K,) normal force of every contact, in units of E_skin times mm^2.
-
-        E_skin is Young's modulus of the skin: times its value in MPa, the forces are in N. They are
-        in the order of ``true_contacts``; 0 for a tip that touches and carries no load. Raise
-        UserError for a scene that cannot be pressed. Default: None, not known.
-        """
-        return None
-
     def deviance(
         self,
         scene: Scene,  # noqa: ARG002

@@ -109,8 +109,8 @@ def predict_frames(
 def blinded(frame: Frame) -> Frame:
     """Return the frame as a model may see it at test time.
 
-    Its pose is the truth, its time tells which press of a set it is, and a memory-mapped signal
-    knows its file: all three are left out.
+    Its pose and force are the truth, its time tells which press of a set it is, and a memory-mapped
+    signal knows its file: all are left out.
     """
     signal = cast("Signal", np.array(frame.signal))
     return Frame(signal, 0.0, Pose(), frame.rest)

@@ -49,14 +49,15 @@ def test_contacts_are_sorted_by_score_and_rows_stay_together(table):
         strict=True,
     )
     assert list(found) == expected
+    assert np.array_equal(Contacts(xy, depth, score, None, std).force, contacts.std)
 
 
 @given(tables(), counts)
 def test_top_takes_the_best(table, count):
-    contacts = Contacts(*table)
+    contacts = Contacts(*table, force=-table[3])
     top = contacts.top(count)
     assert len(top) == min(count, len(contacts))
-    for name in ("xy", "depth", "score", "std"):
+    for name in ("xy", "depth", "score", "std", "force"):
         np.testing.assert_array_equal(getattr(top, name), getattr(contacts, name)[:count])
     assert Contacts(*table[:3]).top(count).std is None
 
@@ -90,6 +91,13 @@ def test_contacts_are_a_copy_and_cannot_be_changed():
 def test_contacts_that_make_no_sense_are_refused(xy, depth, score, std, says):
     with pytest.raises(ValueError, match=says):
         Contacts(np.array(xy), np.array(depth), np.array(score), std)
+
+
+def test_true_contacts_take_one_force_each():
+    assert Contacts.truth([[0, 0]], [1]).force is None
+    assert Contacts.truth([[0, 0]], [1], [[0, 1, -2]]).force.tolist() == [[0, 1, -2]]
+    with pytest.raises(ValueError, match="force"):
+        Contacts.truth([[0, 0]], [1], [[0, 1, -2], [0, 0, 0]])
 
 
 @given(grids, st.floats(-100, 100), st.floats(-100, 100))

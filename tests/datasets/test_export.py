@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from small_data_sets import Small, good, scene_of, smalls, write_taps
 
-from tactibench import UserError
+from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import (
     Dataset,
     Draft,
@@ -70,6 +70,17 @@ def test_the_files_hold_the_same_samples(small: Small) -> None:
             if contacts is not None:
                 assert row["n_contacts"] == len(contacts)
                 assert row["contacts_depth_mm"] == contacts.depth.tolist()
+
+
+def test_forces_are_a_column_where_they_are_known(tmp_path: Path) -> None:
+    scene, force = Scene(Indenter.single(), Pose(depth=1.0)), ((0.1, 0.2, -0.9),)
+    header = Header("set", {"name": "tactip"}, (6, 5), dome_radius_mm=20.0)
+    with Writer(tmp_path / "v1", header) as writer:
+        writer.add(Draft(np.zeros((6, 5), np.uint8), 0, scene, contacts_force_n=force))
+        writer.add(Draft(np.zeros((6, 5), np.uint8), 1, Scene(scene.indenter, Pose())))
+    export = export_dataset(open_dataset(tmp_path / "v1"), tmp_path / "out")
+    rows = read_parquet(export.path)
+    assert [row["contacts_force_n"] for row in rows] == [[[0.1, 0.2, -0.9]], None]
 
 
 def test_the_schema_says_which_column_is_an_image(tmp_path: Path) -> None:

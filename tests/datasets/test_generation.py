@@ -10,7 +10,7 @@ import pytest
 from folder_files import CLOCKED, files
 from stubs import StubSensor
 
-from tactibench import Frame, Indenter, Pose, Scene, SensorContext, UserError
+from tactibench import Contacts, Frame, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.datasets import (
     Press,
     PressPlan,
@@ -28,6 +28,7 @@ from tactibench.datasets import (
 )
 from tactibench.frames import GeneratedFrameSet
 from tactibench.frames import cache as generated
+from tactibench.geometry import tip_depths
 from tactibench.plugins import PluginHost
 from tactibench.protocols import Protocol, load_protocol
 
@@ -40,6 +41,7 @@ class Noise(StubSensor):
 
     fail_at: int | None = None
     presses = 0
+    tells_force = False
 
     def __init__(self, context: SensorContext) -> None:
         self._seed = context.seed
@@ -61,7 +63,9 @@ class Noise(StubSensor):
             type(self).presses += 1
             pose = scene.pose
             reached = Pose(pose.x + 0.25, pose.y, pose.yaw, pose.tilt, pose.depth)
-            yield Frame(self._image(), 0.0, reached)
+            touching = int((tip_depths(scene) > 0).sum())
+            force = self._rng.normal(size=(touching, 3)) if self.tells_force else None
+            yield Frame(self._image(), 0.0, reached, None, force)
 
     def describe(self) -> dict[str, Any]:
         return {"kind": "noise"}
@@ -82,8 +86,9 @@ def source() -> SensorSource:
 
 
 def presses(count: int, start: int = 0) -> tuple[Press, ...]:
+    """Presses of two contacts, one, or none."""
     return tuple(
-        Press(n, f"p{n}", Scene(Indenter.dual(7.0), Pose(0.01 * n, depth=1.5)), "draw")
+        Press(n, f"p{n}", Scene(Indenter.dual(7.0), Pose(0.4 * n - 1, depth=1.5 - 0.2 * n)), "draw")
         for n in range(start, start + count)
     )
 
@@ -95,9 +100,15 @@ def small() -> PressPlan:
     return PressPlan(series, {"both": split})
 
 
+@pytest.mark.parametrize("tells_force", [False, True])
 def test_frames_are_those_of_the_cache(
-    tmp_path: Path, source: SensorSource, small: PressPlan
+    tmp_path: Path,
+    source: SensorSource,
+    small: PressPlan,
+    monkeypatch: pytest.MonkeyPatch,
+    tells_force: bool,
 ) -> None:
+    monkeypatch.setattr(Noise, "tells_force", tells_force)
     told: list[int] = []
     generate(tmp_path / "set", source, small, told.append)
     dataset = open_dataset(tmp_path / "set")
@@ -114,13 +125,21 @@ def test_frames_are_those_of_the_cache(
             seed=series.seed,
             cache=tmp_path / "cache",
         )
-        frames = request.open(lambda _: None).frames
-        for press, frame in zip(series.presses, frames, strict=True):
+        made = request.open(lambda _: None)
+        truth = made.truth("contacts", 20.0)
+        for press, frame, true in zip(series.presses, made.frames, truth, strict=True):
             sample = dataset.samples[press.id]
             assert (sample.press, sample.extra) == (press.name, {"draw": "draw"})
             assert sample.scene is not None
             assert sample.scene.pose == frame.pose  # the one that was reached
             assert np.array_equal(dataset.signal(sample), frame.image)
+            contacts = dataset.contacts(sample)
+            assert isinstance(true, Contacts)
+            assert contacts is not None
+            assert (contacts.force is not None) == (true.force is not None) == tells_force
+            if tells_force:
+                assert contacts.force.shape == (len(true), 3)
+                assert np.array_equal(contacts.force, true.force)
     assert dataset.rest is not None
     assert dataset.splits["both"].test == (17, 18, 19, 20)
     assert verify(tmp_path / "set") == []

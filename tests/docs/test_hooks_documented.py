@@ -33,7 +33,7 @@ def a_model_answers(host: PluginHost, folder: Path) -> None:
     assert (answer.xy.tolist(), answer.depth.tolist()) == ([[0.0, 0.0]], [2.5])
     with pytest.raises(UserError, match="holds no weights"):
         other.load(folder / "nowhere")
-    with pytest.raises(UserError, match=r">= 0\.5"):
+    with pytest.raises(UserError, match=r"at least 0\.5"):
         spec.settings({"depth": "0"})
 
 

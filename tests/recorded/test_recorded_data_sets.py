@@ -56,6 +56,21 @@ def test_scenes_are_taken_as_they_are(data_set, open_recording):
     assert sensor.describe()["rest"] == "rest"
 
 
+def test_forces_are_written_read_and_pressed(tmp_path, open_recording):
+    header = Header("set", {"name": "tactip"}, (12, 10), dome_radius_mm=20.0)
+    scene, force = SINGLE[0], ((0.1, -0.2, -0.9),)
+    with Writer(tmp_path / "set", header) as writer:
+        writer.reference(image(99))
+        for i in range(2):
+            writer.add(Draft(image(i), id=i, scene=scene, contacts_force_n=force))
+        with pytest.raises(UserError, match=r"sample 2: force .* one force for every contact"):
+            writer.add(Draft(image(2), id=2, scene=scene, contacts_force_n=force * 2))
+    dataset = open_dataset(tmp_path / "set")
+    assert dataset.contacts(dataset.samples[1]).force.tolist() == [list(force[0])]
+    with open_recording(tmp_path / "set") as sensor:
+        assert sensor.press(scene).force.tolist() == [list(force[0])]
+
+
 def test_a_split_says_who_trains_validates_and_tests(data_set, open_recording):
     folder = data_set([*SINGLE, *SINGLE])
     split = Split((0, 1), (2, 3), (6, 7))

@@ -215,7 +215,7 @@ def test_scenes_of_finite_elements_belong_to_the_tactips():
         assert beside.reference_of == name
         known = {p.name for p in SPECS[name].parameters}
         lacking = known - {p.name for p in beside.parameters}
-        assert lacking == {"tier", "friction_between", "friction_within"}
+        assert lacking == {"tier", "friction_between", "friction_within", "modulus"}
     for other, said in (
         ({"instance": 1}, "of the nominal dome, and sensor"),
         ({"table": "mine.npz"}, "of the nominal dome, and sensor"),

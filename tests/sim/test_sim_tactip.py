@@ -147,16 +147,21 @@ SINGLE = Indenter.single()
 
 @pytest.fixture(scope="module")
 def tactip():
-    return sensor()
+    return sensor(modulus=1.0, friction=0.0)
 
 
 def tips(*offsets):
     return Indenter(3.0, tuple(offsets), "custom")
 
 
+def forces(tactip, scene):
+    """(K,) normal forces, E_skin mm^2."""
+    return np.linalg.norm(tactip.press(scene).force, axis=1)
+
+
 def test_a_single_contact_at_a_node_carries_what_the_table_says(tactip):
     for node in (1, 4, 8, 24, 48):
-        force = tactip.forces(Scene(SINGLE, Pose(depth=TABLE.delta[node])))
+        force = forces(tactip, Scene(SINGLE, Pose(depth=TABLE.delta[node])))
         assert force == pytest.approx([TABLE.fields["force"][node]], rel=1e-12)
 
 
@@ -176,21 +181,23 @@ def test_forces_off_the_apex_are_those_of_finite_elements(tactip, polar):
         away = 23 - depth  # the penetration is along the line to the dome's centre
         x, z = away * math.sin(math.radians(polar)), away * math.cos(math.radians(polar))
         down = math.sqrt(23**2 - x**2) - z
-        assert tactip.forces(Scene(SINGLE, Pose(x, depth=down))) == pytest.approx([force], rel=0.02)
+        assert forces(tactip, Scene(SINGLE, Pose(x, depth=down))) == pytest.approx(
+            [force], rel=0.02
+        )
 
 
 def test_tips_at_one_place_carry_together_what_one_carries(tactip):
-    one = tactip.forces(Scene(SINGLE, Pose(1, 2, 0, 0, 2.5)))
+    one = forces(tactip, Scene(SINGLE, Pose(1, 2, 0, 0, 2.5)))
     for count in (2, 3):
-        forces = tactip.forces(Scene(tips(*[(0, 0, 0)] * count), Pose(1, 2, 0, 0, 2.5)))
-        assert len(forces) == count
-        assert forces.sum() == pytest.approx(one[0], rel=1e-9)
+        carried = forces(tactip, Scene(tips(*[(0, 0, 0)] * count), Pose(1, 2, 0, 0, 2.5)))
+        assert len(carried) == count
+        assert carried.sum() == pytest.approx(one[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("indenter", [SINGLE, Indenter.dual(7), Indenter.triple((0, 0.5, 1))])
 def test_the_whole_force_grows_with_depth(tactip, indenter):
     depths = np.linspace(0.05, 6.0, 40)
-    whole = [tactip.forces(Scene(indenter, Pose(1, 0, 30, 0, d))).sum() for d in depths]
+    whole = [forces(tactip, Scene(indenter, Pose(1, 0, 30, 0, d))).sum() for d in depths]
     assert (np.diff(whole) > 0).all()
     assert whole[0] < 0.02
 
@@ -198,7 +205,43 @@ def test_the_whole_force_grows_with_depth(tactip, indenter):
 def test_forces_are_in_the_order_of_the_true_contacts(tactip):
     scene = Scene(tips((-4, 0, 0), (4, 0, 0.8), (0, 6, -9)), Pose(depth=2))
     contacts: Contacts = true_contacts(scene)
-    forces = tactip.forces(scene)
-    assert len(forces) == len(contacts) == 2
-    assert (np.argsort(forces) == np.argsort(contacts.depth)).all()
-    assert tactip.forces(Scene(SINGLE, Pose())).shape == (0,)
+    force = tactip.press(scene).force
+    assert force.shape == (len(contacts), 3) == (2, 3)
+    assert (np.argsort(-force[:, 2]) == np.argsort(contacts.depth)).all()
+    assert tactip.press(Scene(SINGLE, Pose())).force.shape == (0, 3)
+
+
+def split(force, scene):
+    """(K,) normal and tangential forces of tips on the skin."""
+    contacts = true_contacts(scene)
+    z = np.sqrt(23.0**2 - (contacts.xy**2).sum(axis=1)) - contacts.depth
+    n = np.column_stack([contacts.xy, z])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    normal = -(force * n).sum(axis=1)
+    return normal, np.linalg.norm(force + normal[:, None] * n, axis=1)
+
+
+def test_forces_are_newtons_and_tangential_ones_keep_to_coulomb():
+    scene = Scene(Indenter.dual(9.0), Pose(4.0, -2.0, 30.0, depth=2.0))
+    smooth = split(sensor(modulus=0.5, friction=0.0).press(scene).force, scene)
+    assert smooth[1] == pytest.approx([0, 0], abs=1e-9)
+    one, other = (
+        sensor(modulus=m, friction=0.5, friction_within=0.0).press(scene).force for m in (0.5, 1.0)
+    )
+    assert other == pytest.approx(2 * one, rel=1e-12)
+    normal, tangential = split(one, scene)
+    assert normal == pytest.approx(smooth[0], rel=0.1)
+    assert (tangential > 0.2 * normal).all()
+    assert (tangential < 0.55 * normal).all()  # mu 0.5, about the normal where the skin was pressed
+    assert sensor().press(scene).force is None
+
+
+@pytest.mark.parametrize("more", [{}, {"instances": 3}])
+def test_every_press_tells_the_force_of_its_own_friction(more):
+    scenes = [Scene(SINGLE, Pose(5.0, depth=2.0))] * 6
+    whole = [frame.force for frame in sensor(modulus=1.0, friction=0.5, **more).press_many(scenes)]
+    single = sensor(modulus=1.0, friction=0.5, **more)
+    again = [single.press(scene).force for scene in scenes]
+    assert np.array_equal(whole, again)
+    ratios = [tangential / normal for normal, tangential in (split(f, scenes[0]) for f in whole)]
+    assert np.ptp(ratios) > 0.02
