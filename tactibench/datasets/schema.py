@@ -156,8 +156,8 @@ class Sample:
         session: Name of the recording session.
         attempt: 1 for the first attempt at this sample.
         t_frame_ns: Time of the frame on a clock that never steps back.
-        contacts_force_n: Force on the skin of every contact along x, y and z, N; None: not known.
         extra: Anything else that was recorded, as JSON values.
+        contacts_force_n: Force on the skin of every contact along x, y and z, N; None: not known.
     """
 
     id: int
@@ -170,8 +170,8 @@ class Sample:
     session: str = ""
     attempt: int = 1
     t_frame_ns: int | None = None
-    contacts_force_n: Forces | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
+    contacts_force_n: Forces | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,10 +191,10 @@ class Draft:
     press: str = ""
     session: str = ""
     t_frame_ns: int | None = None
-    contacts_force_n: Forces | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
     status: Status = "ok"
     attempt: int = 1
+    contacts_force_n: Forces | None = None
 
     def sample(self, file_name: str, sha256: str) -> Sample:
         """Return the finished sample.
