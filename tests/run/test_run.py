@@ -110,6 +110,7 @@ def test_a_model_sees_no_truth_in_a_test_frame(
     for frame in frames:
         assert frame.pose == Pose()
         assert frame.timestamp == 0.0
+        assert frame.force is None
         assert type(frame.image) is np.ndarray, "a mapped image knows its file"
         assert frame.image.base is None
 
