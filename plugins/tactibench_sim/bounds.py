@@ -9,7 +9,8 @@ The second part of w is what the strength of the shot noise itself tells; it is 
 All parameters are unknown together: the covariance is a block of I^-1. Unknown properties of the
 camera (*nuisances*) enter as derivatives of the noise-free frame, which is taken as a cubic spline
 through its pixels (Unser, IEEE Signal Proc. Mag. 16(6), 1999), so that the optics that made it need
-not be known.
+not be known. The coefficient of friction is a nuisance of sensors that rub: it enters by a
+difference of frames.
 
 Whether two contacts can be told from one is said by their difference, measured in the noise of a
 frame. Let m2 be the noise-free frame of two tips, v the variance of its pixels, and m1(x, y, depth)
@@ -27,6 +28,7 @@ removed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +48,10 @@ Variance = Callable[[Array], npt.NDArray[np.floating]]
 
 STEP_MM = 0.004
 """Step of the differences: bounds change by less than 0.1 % for 0.001 to 0.01 mm (tests)."""
+FRICTION = "friction"
+"""The nuisance of a sensor with friction: its coefficient, the same for all tips of a press."""
+STEP_FRICTION = 0.002
+"""Step of the differences by the coefficient of friction, at most a quarter of it."""
 _NOTHING = 1e-10
 """Share of a parameter's information that counts as none; rounding leaves 1e-13."""
 _CONVERGED = 1e-6
@@ -73,17 +79,50 @@ def covariance(
         tips: One scene; contacts are ordered as in ``true_contacts``.
         clean: Renders frames without noise.
         variance: Returns the variance of every pixel of a frame.
-        nuisances: Unknown properties of the camera, names of ``NUISANCES``. They are estimated from
-            the same frame, with no prior.
+        nuisances: What else is unknown: FRICTION, and properties of the camera, names of
+            ``NUISANCES``. They are estimated from the same frame, with no prior.
         step: Step of the central differences, mm.
     """
-    if not (tips.depth[0] > 0).any():
+    count = 3 * int((tips.depth[0] > 0).sum())
+    if not count:
         return np.empty((0, 0))
+    return inverse(marginal(information(tips, clean, variance, nuisances, step), count))
+
+
+def information(
+    tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[str], step: float = STEP_MM
+) -> Array:
+    """Return the information on x, y, depth of every contact, on friction, and on the camera.
+
+    Arguments are those of ``covariance``; at least one tip touches. The coefficient of friction is
+    a parameter where ``nuisances`` name it.
+    """
     slopes, image = _slopes(tips, clean, step)
     around = [np.asarray(variance(image + d), dtype=np.float64).ravel() for d in (-0.5, 0.0, 0.5)]
     weight = 1 / around[1] + ((around[2] - around[0]) / around[1]) ** 2 / 2
-    every = np.concatenate([slopes, derivatives(image, nuisances).reshape(-1, image.size)])
-    return inverse(marginal((every * weight) @ every.T, len(slopes)))
+    every = np.concatenate([slopes, _others(tips, clean, image, nuisances)])
+    out: Array = (every * weight) @ every.T
+    return out
+
+
+def _others(tips: Tips, clean: Clean, image: Array, nuisances: Sequence[str]) -> Array:
+    """Return the (N, H W) slopes of the grey levels by friction, if it is unknown, and the camera.
+
+    Args:
+        tips: One scene.
+        clean: Renders frames without noise.
+        image: (H, W) frame of the scene.
+        nuisances: As of ``covariance``.
+    """
+    if FRICTION not in nuisances or tips.friction is None:
+        return derivatives(image, nuisances).reshape(-1, image.size)
+    camera = [name for name in nuisances if name != FRICTION]
+    step = np.minimum(STEP_FRICTION, tips.friction / 4)
+    both = tips.take(np.zeros(2, dtype=np.intp))
+    both = replace(both, friction=np.concatenate([tips.friction + step, tips.friction - step]))
+    more, less = np.asarray(clean(both), dtype=np.float64).reshape(2, -1)
+    rest = derivatives(image, camera).reshape(-1, image.size)
+    return np.concatenate([(more - less)[None] / (2 * step), rest])
 
 
 def _slopes(tips: Tips, clean: Clean, step: float) -> tuple[Array, Array]:
@@ -99,9 +138,9 @@ def _slopes(tips: Tips, clean: Clean, step: float) -> tuple[Array, Array]:
     steps[2::3] = np.minimum(step, values[2::3] / 4)
     shifted = values + np.concatenate([np.diag(steps), -np.diag(steps), np.zeros((1, 3 * count))])
     shifted = shifted.reshape(-1, count, 3)
-    radius = np.repeat(tips.radius, len(shifted))
-    move = None if tips.move is None else np.repeat(tips.move[:, touching], len(shifted), axis=0)
-    around = Tips(shifted[..., :2], shifted[..., 2], radius, move)
+    some = tips.take(np.zeros(len(shifted), dtype=np.intp))
+    move = None if some.move is None else some.move[:, touching]
+    around = replace(some, xy=shifted[..., :2], depth=shifted[..., 2], move=move)
     images = np.asarray(clean(around), dtype=np.float64)
     slopes = (images[: 3 * count] - images[3 * count : -1]) / (2 * steps[:, None, None])
     return slopes.reshape(3 * count, -1), images[-1]
@@ -222,20 +261,20 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
         tips: One scene.
         clean: Renders frames without noise.
         variance: Returns the variance of every pixel of a frame.
-        nuisances: Unknown properties of the camera, names of ``NUISANCES``.
+        nuisances: What is unknown beside the contacts, as of ``covariance``.
     """
     touching = tips.depth[0] > 0
     if touching.sum() < 2:
         return 0.0
     two = np.asarray(clean(tips), dtype=np.float64)[0]
     weight = 1 / np.sqrt(np.asarray(variance(two), dtype=np.float64).ravel())
-    look_alike = derivatives(two, nuisances).reshape(-1, two.size) * weight
+    look_alike = _others(tips, clean, two, nuisances) * weight
     _, sizes, rows = np.linalg.svd(look_alike, full_matrices=False)
     explained = rows[sizes > _RANK * sizes.max(initial=0.0)]
 
-    move = None  # the one contact went as far as the mean of both
-    if tips.move is not None:
-        move = np.repeat(tips.move[:, touching].mean(axis=1, keepdims=True), 7, axis=0)
+    seven = tips.take(np.zeros(7, dtype=np.intp))
+    if seven.move is not None:  # the one contact went as far as the mean of both
+        seven = replace(seven, move=seven.move[:, touching].mean(axis=1, keepdims=True))
 
     def visible(frames: Array) -> Array:
         """Return frames (F, H W) in standard deviations, without what the nuisances explain."""
@@ -249,7 +288,7 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
         """
         step = min(STEP_MM, place[2] / 4)
         around = place + step * np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
-        single = Tips(around[:, None, :2], around[:, None, 2], np.repeat(tips.radius, 7), move)
+        single = replace(seven, xy=around[:, None, :2], depth=around[:, None, 2])
         images = np.asarray(clean(single), dtype=np.float64).reshape(7, -1)
         slopes = (images[:3] - images[3:6]) / (2 * step)
         return visible((two.ravel() - images[6])[None])[0], visible(slopes)

@@ -218,11 +218,14 @@ class TableMechanics:
         """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
         return tips_of_pins(self.inner, directions, self.displacement(loads, directions), length)
 
+    def outer(self, loads: tuple[Loads, ...], directions: Array) -> Array:
+        """Return the (S, P, 3) displacement of the outer skin, mm."""
+        at = plain(directions)
+        return _joined(loads, lambda part: _displace(part, part.splines.outer, at)[0])
+
     def skin(self, loads: tuple[Loads, ...], directions: Array) -> Array:
         """Return the (S, P) inward displacement of the outer skin, mm."""
-        at = plain(directions)
-        outer = _joined(loads, lambda part: _displace(part, part.splines.outer, at)[0])
-        inward: Array = -(outer * directions).sum(axis=-1)
+        inward: Array = -(self.outer(loads, directions) * directions).sum(axis=-1)
         return inward
 
 
@@ -282,10 +285,15 @@ def tips_of_pins(
         length: Length of the pins, mm.
     """
     u, q = displacement
-    angle = np.sqrt((q * q).sum(axis=-1, keepdims=True))
-    normal = directions * np.cos(angle) + q * np.sinc(angle / np.pi)
-    tips: Array = inner * directions + u - length * normal
+    tips: Array = inner * directions + u - length * turned_normals(directions, q)
     return tips
+
+
+def turned_normals(directions: Array, turn: Array) -> Array:
+    """Return the (..., P, 3) outward normals (P, 3) after their turn q (..., P, 3), rad."""
+    angle = np.sqrt((turn * turn).sum(axis=-1, keepdims=True))
+    normals: Array = directions * np.cos(angle) + turn * np.sinc(angle / np.pi)
+    return normals
 
 
 def _surface(

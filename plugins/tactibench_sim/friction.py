@@ -426,14 +426,16 @@ class FrictionMechanics:
         """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
         return tips_of_pins(self.inner, directions, self.displacement(loads, directions), length)
 
+    def outer(self, loads: DraggedLoads, directions: Array) -> Array:
+        """Return the (S, P, 3) displacement of the outer skin, mm."""
+        u = plain(self.frictionless.outer(loads.pressed, directions))
+        for pull in loads.pulls:
+            pull.add(pull.table.outer, directions, u, np.zeros_like(u))
+        return u
+
     def skin(self, loads: DraggedLoads, directions: Array) -> Array:
         """Return the (S, P) inward displacement of the outer skin, mm."""
-        inward = self.frictionless.skin(loads.pressed, directions)
-        if loads.pulls:
-            u = np.zeros((*inward.shape, 3))
-            for pull in loads.pulls:
-                pull.add(pull.table.outer, directions, u, np.zeros_like(u))
-            inward -= (u * directions).sum(axis=-1)
+        inward: Array = -(self.outer(loads, directions) * directions).sum(axis=-1)
         return inward
 
     def forces(self, loads: DraggedLoads) -> Array:

@@ -112,9 +112,9 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             name=f"{dome.name}-fem",
             target=f"tactibench_sim.reference:Reference{dome.name.removeprefix('tactip-')}",
             summary=f"finite-element scenes of {dome.name}, for --test reference",
-            # finite elements have said how the scenes become fields, all without friction
+            # finite elements have said how the scenes become fields
             parameters=tuple(
-                replace(p, default=0.0) if p.name == "friction" else p
+                p
                 for p in dome.parameters
                 if p.name not in {"tier", "friction_between", "friction_within", "modulus"}
             ),

@@ -122,6 +122,7 @@ class SimulatedTacTip(SimulatedSensor):
         if friction:
             from tactibench_sim.friction import FrictionMechanics
 
+            self.nuisances = (*type(self).nuisances, "friction")
             self.mechanics = FrictionMechanics(mechanics, self.friction)
             self._spreads = {
                 "friction_between": friction_between,
@@ -135,6 +136,7 @@ class SimulatedTacTip(SimulatedSensor):
         renderer = Renderer(self.optics, lift, tip_shares(self.pins)[~lost])
         super().__init__(context, renderer, resting)
         self.instances: TrainingInstances | None = None
+        self._measured = tier == "coupled" and not table and instances <= 1
         if instances > 1:
             from tactibench_sim.instances import TrainingInstances
 
@@ -177,11 +179,20 @@ class SimulatedTacTip(SimulatedSensor):
 
     def rubbing_tips(self, scenes: Sequence[Scene], shares: Array | None) -> Tips:
         """Return the tips of scenes with their own coefficients of friction (``rubbed``)."""
-        tips = tips_of(scenes)
+        tips = self.indenter_tips(scenes)
         return tips if shares is None else replace(tips, friction=self.friction * shares)
 
     def _rest_of(self, number: int) -> Images:
         return self._rest if self.instances is None else self.instances.rest_of(number)
+
+    def indenter_tips(self, scenes: Sequence[Scene]) -> Tips:
+        """Return the tips of scenes with the coefficient of friction of the sensor.
+
+        Raises:
+            UserError: A scene cannot be pressed.
+        """
+        tips = tips_of(scenes)
+        return replace(tips, friction=np.full(len(tips), self.friction)) if self.friction else tips
 
     def places(self, tips: Tips) -> Array:
         """Return (S, P, 3) pin tips from the dome's centre, mm."""
@@ -201,26 +212,40 @@ class SimulatedTacTip(SimulatedSensor):
         return out.reshape(grid.shape)
 
     def error_bounds(self, scenes: Sequence[Scene]) -> Array:
-        """Return (S,) mm, how far a pin base may be from finite elements; inf: not measured."""
-        from tactibench_sim.error_bounds import scene_bounds  # runs ask once, after the frames
+        """Return (S,) mm, how far a pin may be from finite elements; inf: nobody measured it.
 
-        if self.instances is not None:  # measured on the nominal dome alone
+        Nothing is known of tier ``superpose``, of a user's table, of plates, and of tips that move
+        sideways with friction.
+        """
+        from tactibench_sim.error_bounds import shipped_bounds  # runs ask once, after the frames
+
+        if not self._measured:
             return np.full(len(scenes), np.inf)
-        bounds = scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
-        bounds[self._dragged(scenes) & (bounds > 0)] = np.inf  # measured without drag
+        tips = self.indenter_tips(scenes)
+        if tips.friction is not None:  # at most, of a press
+            tips = replace(
+                tips, friction=tips.friction * (1 + 3 * self._spreads["friction_within"])
+            )
+        bounds = shipped_bounds().bound(tips, self.pin_length, instance=bool(self.instance))
+        bounds[self._dragged(scenes) & (bounds > 0)] = np.inf
         return bounds
 
     def _dragged(self, scenes: Sequence[Scene]) -> npt.NDArray[np.bool_]:
         return np.array([bool(self.friction) and scene.pose.moved for scene in scenes])
 
     def terms(self, scenes: Sequence[Scene]) -> dict[str, int]:
-        """Return the terms of the field and the number of scenes that need each."""
-        from tactibench_sim.error_bounds import term_counts
+        """Return the terms of the field and the number of scenes that need each.
+
+        ``depth missed`` counts scenes whose final field misses the depth of a tip.
+        """
+        from tactibench_sim.error_bounds import MISSED_MM, missed_depths, term_counts
 
         tips = tips_of(scenes)
         counts = term_counts(self.mechanics.tier, tips)
         drag = int((self._dragged(scenes) & (tips.depth > 0).any(axis=1)).sum())
-        return {**counts, "drag": drag} if drag else counts
+        missed = int((missed_depths(self.mechanics, tips) > MISSED_MM).sum())
+        counted = {**counts, "drag": drag, "depth missed": missed}
+        return {name: count for name, count in counted.items() if count}
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, except the seed."""

@@ -1,9 +1,9 @@
-"""Measured error bounds of tier ``coupled``, against the finite-element scenes that ship.
+"""Measured error bounds of the simulated dome, against finite-element scenes.
 
     PYTHONPATH=.:plugins python scripts/fem/error_bounds.py error_bounds.json
 
-It takes seconds. The file belongs in plugins/tactibench_sim/data; ``tactibench_sim.error_bounds``
-reads it and explains the bounds. They are measured for one table file and unknown for any other.
+It takes a minute. The file belongs in plugins/tactibench_sim/data; ``tactibench_sim.error_bounds``
+reads it and explains the bounds. They are those of the tables that ship.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ import argparse
 import hashlib
 import json
 import math
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from itertools import combinations, pairwise
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -26,262 +25,293 @@ from scipy.optimize import linprog
 
 from tactibench.lab import atomic
 from tactibench_sim import (
+    BEYOND,
+    FRICTION_TERMS,
     LARGEST_MM,
+    LEVER_MM,
     RADIUS_MM,
+    RATIO_FACTOR,
+    SKIN_FACTOR,
     SMALLEST_MM,
     Bounds,
     Envelope,
-    OtherTips,
+    FrictionMechanics,
     ReferenceScene,
+    TableFile,
     TableMechanics,
     Tables,
+    Tips,
     angle_between,
     envelope_terms,
+    press_of,
     read_file,
     reference_scenes,
     shipped_dome,
-    shipped_file,
+    tables_between,
+    turned_normals,
 )
 
 Array = npt.NDArray[np.float64]
-OTHER_TIPS = Path(__file__).resolve().parents[2] / "tests" / "sim" / "data" / "other_tips.npz"
-DEPTH_MM = (1.0, 2.0, 3.0, 4.5, 6.0, 6.5)
-POLAR_DEG = (20.0, 40.0, 55.0)
-OTHERS_MM = ((SMALLEST_MM, RADIUS_MM), (RADIUS_MM, LARGEST_MM))
-"""Radii of sharper and of blunter tips: errors of blunt ones hardly grow with depth."""
+Flags = npt.NDArray[np.bool_]
+DATA = Path(__file__).resolve().parents[2] / "tests" / "sim" / "data"
 MARGIN = 0.05
-"""The factor is rounded up to a multiple of this: half a dozen families of runs do not determine it
-more finely."""
+"""The factor is rounded up to a multiple of this: a dozen families of runs do not determine it more
+finely."""
 LEAST = 1.1
 """Least factor: the terms were chosen with all runs in sight, so that the test by leaving runs out
 makes them look better than they are."""
-SLACK_MM, SLACK_DEG = 0.1, 0.5
+SLACK_MM, SLACK_RAD = 0.1, math.radians(0.5)
 """Distance by which a scene may lie outside of the measured range: about a tenth of the steps
 between the reference scenes."""
-FEWEST_FAMILIES = 3
-"""Least number of families: with fewer, too few are left to find the coefficients when one family
-is left out."""
-_STEP_MM = 1e-4  # bounds are rounded up to a multiple of it when they are written
-_STEP_COEFFICIENT = 1e-6  # likewise coefficients, which are multiplied by up to 10^3 mm^3
-_CLOSE = 1e-6  # distance by which scenes may be off the node that they were made for
+TYPICAL = 0.5
+"""Share of its bound by which a frictionless scene is off, in the mean. Friction is taken to add
+what a scene is off beyond that."""
+FEW_DOMES = 2.0
+"""Factor on what the scenes of other domes are off beyond the bounds: they are of a few domes, at
+corners of the range, and of the nominal tip."""
+_STEP = 1e-6  # coefficients are rounded up to a multiple of it; terms reach 10^3
+_CLOSE = 1e-6
 
-Flags = npt.NDArray[np.bool_]
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measured:
-    """A reference scene and its error.
+    """S reference scenes and their errors.
 
     Attributes:
-        name: Name of the run, which is its family.
-        n: (K, 3) directions of the contacts.
-        delta: (K,) penetrations, mm.
-        error: Largest error of a pin base, mm.
-        radius: Radius of the tips, mm.
+        families: Names of the presses that the scenes are moments of.
+        tips: Their tips.
+        errors: (S, 2) largest error of a pin base, and of the tip of a pin of LEVER_MM, mm.
     """
 
-    name: str
-    n: Array
-    delta: Array
-    error: float
-    radius: float = RADIUS_MM
+    families: tuple[str, ...]
+    tips: Tips
+    errors: Array
 
-    @property
-    def kin(self) -> tuple[float, str]:
-        """Spacing or radius that the family shares with others, as a number and as text."""
-        if self.radius != RADIUS_MM:
-            return self.radius, f"of R = {self.radius:g} mm"
-        spacing = re.match(r"[pt]([\d.]+)", self.name)  # "8" of p8_off10
-        assert spacing is not None  # noqa: S101 - pairs and triples are named by their spacing
-        return float(spacing[1]), f"{spacing[1]} mm apart"
+    def take(self, rows: Flags) -> Measured:
+        """Return some of the scenes."""
+        index = np.flatnonzero(rows)
+        families = tuple(self.families[row] for row in index)
+        return Measured(families, self.tips.take(index), self.errors[index])
 
 
-def measure(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[Measured]:
-    """Return the errors of tier ``coupled`` in reference scenes, computed with the given tables."""
-    coupled = TableMechanics(tables, "coupled", other_tips=True)
-    out = []
+def measure(scenes: Sequence[ReferenceScene], tables: Tables | None = None) -> Measured:
+    """Return the errors of tables in reference scenes.
+
+    Where a scene has no normals, the error of tips is nan.
+
+    Args:
+        scenes: S scenes.
+        tables: Tables of their dome; None: those of the nominal one, for tips of all radii.
+    """
+    plain = TableMechanics(tables or shipped_dome(), "coupled", other_tips=tables is None)
+    errors = []
     for scene in scenes:
-        loads = coupled.loads(scene.as_tips)
-        off = coupled.displacement(loads, scene.directions)[0][0] - scene.displacement
-        error = float(np.linalg.norm(off, axis=1).max())
-        (n,), (delta,) = scene.as_tips.directions()
-        out.append(Measured(scene.name, n, delta, error, scene.radius))
+        rub = FrictionMechanics(plain, scene.friction) if scene.friction else plain
+        u, q = rub.displacement(rub.loads(scene.as_tips), scene.directions)  # type: ignore[arg-type]
+        base = u[0] - scene.displacement
+        turn = turned_normals(scene.directions, q[0]) - scene.normals
+        errors.append([_largest(base), _largest(base - LEVER_MM * turn)])
+    return Measured(tuple(map(press_of, scenes)), joined(scenes), np.array(errors))
+
+
+def _largest(off: Array) -> float:
+    return float(np.linalg.norm(off, axis=1).max())
+
+
+def joined(scenes: Sequence[ReferenceScene]) -> Tips:
+    """Return the tips of scenes as one batch."""
+    most = max(len(scene.tips) for scene in scenes)
+    xy, depth = np.zeros((len(scenes), most, 2)), np.full((len(scenes), most), -np.inf)
+    for row, scene in enumerate(scenes):
+        xy[row, : len(scene.tips)] = scene.tips[:, :2]
+        depth[row, : len(scene.tips)] = scene.tips[:, 2]
+    radius, friction = (np.array([getattr(s, k) for s in scenes]) for k in ("radius", "friction"))
+    return Tips(xy, depth, radius, friction=friction)
+
+
+def measured(scenes: Sequence[ReferenceScene], instances: TableFile) -> Bounds:
+    """Return the bounds of the tips of the scenes.
+
+    Args:
+        scenes: Scenes of the nominal dome.
+        instances: Scenes of other domes, with their ``domes``: stiffness ratio and skin, mm.
+    """
+    every = measure(scenes)
+    radius, rough = every.tips.radius, every.tips.friction > 0  # type: ignore[operator]
+    # Few runs of other tips have normals; in the others tips are taken to be off by as many times
+    # what bases are.
+    base, tip = every.errors[radius != RADIUS_MM].T
+    unknown = np.isnan(every.errors[:, 1])
+    every.errors[unknown, 1] = np.nanmax(tip / base) * every.errors[unknown, 0]
+    envelopes = []
+    for low, high in (
+        (RADIUS_MM, RADIUS_MM),
+        (SMALLEST_MM, RADIUS_MM),
+        (RADIUS_MM, LARGEST_MM),
+    ):
+        rows = (radius >= low) & (radius <= high) & ((radius == RADIUS_MM) == (low == high))
+        for fewest, group in by_contacts(every.take(rows & ~rough)):
+            envelopes.append(envelope(group, low, high, fewest))
+    envelopes = with_friction(envelopes, every.take(rough))
+    bounds = Bounds(tuple(envelopes), np.zeros(2))
+    return replace(bounds, instance=beyond_nominal(bounds, instances))
+
+
+def beyond_nominal(bounds: Bounds, instances: TableFile) -> Array:
+    """Return (2,) mm per mm of depth that scenes of other domes are off beyond the bounds."""
+    nominal = shipped_dome()
+    dome, most = nominal.parameters["dome"], np.zeros(2)
+    for scene in reference_scenes(instances):
+        ratio, skin = instances.parameters["domes"][scene.name]
+        x = math.log(ratio / dome["stiffness_ratio"], RATIO_FACTOR)
+        found = measure([scene], tables_between(nominal, x, math.log(skin, SKIN_FACTOR)))
+        known = np.array([bounds.bound(found.tips, length)[0] for length in (0.0, LEVER_MM)])
+        most = np.maximum(most, (found.errors[0] - known) / found.tips.directions()[1].max())
+    return FEW_DOMES * most
+
+
+def by_contacts(scenes: Measured) -> tuple[tuple[int, Measured], ...]:
+    """Return the scenes of one contact and those of several, each with its fewest contacts."""
+    several = (scenes.tips.directions()[1] > 0).sum(axis=1) > 1
+    return (1, scenes.take(~several)), (2, scenes.take(several))
+
+
+def envelope(scenes: Measured, smallest: float, largest: float, fewest: int) -> Envelope:
+    """Return the envelope of scenes of ``fewest`` and more tips of radii in a range, mm."""
+    n, delta = scenes.tips.directions()
+    touching = delta > 0
+    pairs = [
+        angle_between(n[:, i], n[:, j])[touching[:, i] & touching[:, j]]
+        for i, j in combinations(range(delta.shape[1]), 2)
+    ]
+    angle = np.concatenate([np.empty(0), *pairs])
+    base, tip = (fitted(scenes, column) for column in range(scenes.errors.shape[1]))
+    return Envelope(
+        smallest,
+        largest,
+        fewest,
+        base,
+        tip,
+        deepest=float(delta.max()) + SLACK_MM,
+        nearest=float(angle.min() if len(angle) else 0.0) - SLACK_RAD,
+        farthest=float(angle.max(initial=0.0)) + SLACK_RAD,
+        lowest=float(np.arccos(n[touching][:, 2].min())) + SLACK_RAD,
+        most=int(touching.sum(axis=1).max()),
+    )
+
+
+def fitted(scenes: Measured, column: int) -> Array:
+    """Return the (T,) coefficients of an envelope of frictionless scenes with their factor.
+
+    Args:
+        scenes: The scenes.
+        column: 0: of bases; 1: of tips.
+    """
+    terms, errors = envelope_terms(scenes.tips), scenes.errors[:, column]
+    smooth = Fit(terms[:, : FRICTION_TERMS.start], errors, errors)
+    out = np.zeros(terms.shape[1])
+    out[: FRICTION_TERMS.start] = smooth.factor(scenes.families) * smooth.coefficients()
     return out
 
 
-def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
-    """Return the bounds with the given tables, for the tips of the scenes."""
-    every = measure(tables, scenes)
-    errors = [scene for scene in every if scene.radius == RADIUS_MM]
-    alone = [scene for scene in errors if len(scene.delta) == 1]
-    rings = np.radians(POLAR_DEG)
-    return Bounds(
-        depth=np.array(DEPTH_MM),
-        polar=rings,
-        single=_singles(rings, alone),
-        pair=envelope([scene for scene in errors if len(scene.delta) == 2]),
-        many=envelope([scene for scene in errors if len(scene.delta) > 2]),
-        others=tuple(
-            OtherTips(low, high, *(envelope(some) for some in other_tips(every, low, high)))
-            for low, high in OTHERS_MM
-        ),
-    )
-
-
-def other_tips(
-    errors: Sequence[Measured], low: float, high: float
-) -> tuple[list[Measured], list[Measured]]:
-    """Return the single contacts and the pairs of tips of radii other than RADIUS_MM.
+def with_friction(envelopes: Sequence[Envelope], scenes: Measured) -> Sequence[Envelope]:
+    """Return envelopes with what friction adds: BEYOND times what is measured for other radii.
 
     Args:
-        errors: Reference scenes of all tips.
-        low: Smallest radius, mm.
-        high: Largest radius, mm.
+        envelopes: Envelopes of frictionless scenes.
+        scenes: Scenes of the nominal tip with friction.
     """
-    in_range = [
-        scene for scene in errors if low <= scene.radius <= high and scene.radius != RADIUS_MM
-    ]
-    single, pair = ([scene for scene in in_range if len(scene.delta) == count] for count in (1, 2))
-    return single, pair
+    smooth = Bounds(tuple(envelopes), np.zeros(2))
+    parts = {}
+    for column, (name, length) in enumerate((("base", 0.0), ("tip", LEVER_MM))):
+        errors = scenes.errors[:, column]
+        off = (errors - TYPICAL * smooth.bound(scenes.tips, length)).clip(0.0)
+        rubbing = Fit(envelope_terms(scenes.tips)[:, FRICTION_TERMS], off, errors)
+        parts[name] = rubbing.factor(scenes.families) * rubbing.coefficients()
+    out = []
+    for envelope in envelopes:
+        share = 1.0 if envelope.smallest == envelope.largest else BEYOND
+        added = {name: getattr(envelope, name).copy() for name in parts}
+        for name, coefficients in added.items():
+            coefficients[FRICTION_TERMS] = share * parts[name]
+        out.append(replace(envelope, **added))
+    return out
 
 
-def envelope(scenes: Sequence[Measured]) -> Envelope:
-    """Return the envelope of scenes that have equally many contacts.
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Terms of S scenes that are to hold what the scenes are off.
 
-    An envelope of fewer than FEWEST_FAMILIES families has an empty range.
+    Attributes:
+        terms: (S, N) terms.
+        off: (S,) what they must hold, mm.
+        errors: (S,) errors of the scenes, mm; the mean of the bounds over them is to be the least.
     """
-    if len({scene.name for scene in scenes}) < FEWEST_FAMILIES:
-        return Envelope(np.zeros(4), 1.0, 0.0, 0.0, 0.0, 0.0)
-    n, delta = np.stack([scene.n for scene in scenes]), np.stack([scene.delta for scene in scenes])
-    pairs = combinations(range(delta.shape[1]), 2)
-    angle = np.array([angle_between(n[:, i], n[:, j]) for i, j in pairs] or [np.zeros(1)])
-    slack = math.radians(SLACK_DEG)
-    return Envelope(
-        _coefficients(scenes),
-        max(LEAST, MARGIN * math.ceil(max(leave_out(scenes).values()) / MARGIN - _CLOSE)),
-        float(delta.max()) + SLACK_MM,
-        float(angle.min()) - slack,
-        float(angle.max()) + slack,
-        float(np.arccos(n[..., 2].min())) + slack,
-    )
+
+    terms: Array
+    off: Array
+    errors: Array
+
+    def coefficients(self, but: Flags | None = None) -> Array:
+        """Return the (N,) coefficients >= 0 that hold all scenes: a linear program.
+
+        Args:
+            but: (S,) scenes that do not count.
+        """
+        rows = slice(None) if but is None else ~but
+        terms = self.terms[rows]
+        each = (terms / self.errors[rows, None]).mean(axis=0)
+        solution = linprog(each, A_ub=-terms, b_ub=-self.off[rows], bounds=(0, None))
+        if not solution.success:
+            raise RuntimeError(f"no envelope was found: {solution.message}")
+        out: Array = solution.x
+        return out
+
+    def excess(self, left: Flags) -> float:
+        """Return the largest of what some scenes are off over the envelope of all others."""
+        bound = self.terms[left] @ self.coefficients(left)
+        off = self.off[left]
+        return float(np.divide(off, bound, out=np.zeros_like(off), where=off > 0).max())
+
+    def factor(self, families: Sequence[str]) -> float:
+        """Return the factor with which the envelope holds every family that is left out."""
+        names = np.array(families)
+        worst = max(self.excess(names == name) for name in set(families))
+        return max(LEAST, MARGIN * math.ceil(worst / MARGIN - _CLOSE))
 
 
-def leave_out(scenes: Sequence[Measured]) -> dict[str, float]:
-    """Return name of a group -> its largest error over the envelope of all others.
-
-    Every family is left out alone. The families of one spacing or one radius are left out together
-    where at least FEWEST_FAMILIES others remain: without the triples 8 mm apart no deep triple off
-    the apex would be left.
-    """
-    groups: dict[str, list[str]] = {scene.name: [scene.name] for scene in scenes}
-    families = len(groups)
-    for _, kin in sorted({scene.kin for scene in scenes}):
-        names = sorted({scene.name for scene in scenes if scene.kin[1] == kin})
-        if len(names) > 1 and families - len(names) >= FEWEST_FAMILIES:
-            groups[f"all {kin}"] = names
-    return {group: _without(scenes, names) for group, names in groups.items()}
-
-
-def _without(scenes: Sequence[Measured], names: Sequence[str]) -> float:
-    """Return the largest error of the named families over the envelope of the others."""
-    coefficients = _coefficients([scene for scene in scenes if scene.name not in names])
-    left = [scene for scene in scenes if scene.name in names]
-    return float((_errors(left) / (_terms(left) @ coefficients)).max())
-
-
-def _coefficients(scenes: Sequence[Measured]) -> Array:
-    """Return the coefficients >= 0 of least mean bound that hold every scene: a linear program."""
-    terms, errors = _terms(scenes), _errors(scenes)
-    solution = linprog(terms.mean(axis=0), A_ub=-terms, b_ub=-errors, bounds=(0, None))
-    if not solution.success:
-        raise RuntimeError(f"no envelope was found: {solution.message}")
-    coefficients: Array = solution.x
-    return coefficients
-
-
-def _terms(scenes: Sequence[Measured]) -> Array:
-    n, delta = np.stack([scene.n for scene in scenes]), np.stack([scene.delta for scene in scenes])
-    return envelope_terms(n, np.maximum(delta, 0.0))
-
-
-def _errors(scenes: Sequence[Measured]) -> Array:
-    return np.array([scene.error for scene in scenes])
-
-
-def largest(nodes: Sequence[float], deepest: Array, errors: Array) -> Array:
-    """Return the (D,) largest error of all scenes up to each depth node, mm; it never falls.
-
-    Args:
-        nodes: (D,) depth nodes, mm.
-        deepest: (S,) greatest penetration of each scene, mm.
-        errors: (S,) error of each scene, mm.
-    """
-    return np.array([errors[deepest <= node + _CLOSE].max(initial=0.0) for node in nodes])
-
-
-def reached(nodes: Sequence[float], deepest: Array) -> Flags:
-    """Return (D,) flags: whether a scene reaches a node, or is nearer to it than to the one before.
-
-    Args:
-        nodes: (D,) depth nodes, mm.
-        deepest: (S,) greatest penetration of each scene, mm.
-    """
-    middle = np.array([(a + b) / 2 for a, b in pairwise([0.0, *nodes])])
-    return np.asarray(middle <= deepest.max(initial=0.0))
-
-
-def write(path: Path, tables: Tables, bounds: Bounds) -> str:
-    """Write bounds as JSON and return the sha256 of the file.
-
-    Bounds are rounded up; infinity is written as null.
-    """
-    content: dict[str, Any] = {"tables": tables.digest, "tips": shipped_file("tips.npz").digest}
-    content |= {f.name: _rounded(getattr(bounds, f.name)) for f in fields(Bounds)}
-    text = json.dumps(content, allow_nan=False).replace('], "', '],\n"') + "\n"
+def write(path: Path, bounds: Bounds) -> str:
+    """Write bounds as JSON and return the sha256 of the file. Coefficients are rounded up."""
+    content = {
+        "envelopes": [
+            {name: _rounded(value) for name, value in asdict(envelope).items()}
+            for envelope in bounds.envelopes
+        ],
+        "instance": _rounded(bounds.instance),
+    }
+    text = json.dumps(content, allow_nan=False)
+    for name in ("tip", "deepest"):  # lines of a length that can be read
+        text = text.replace(f', "{name}"', f',\n"{name}"')
+    text = text.replace("}, {", "},\n{") + "\n"
     with atomic(path) as out:
         out.write(text.encode())
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _rounded(values: Any) -> Any:
-    if isinstance(values, tuple):
-        return [_rounded(value) for value in values]
-    if isinstance(values, OtherTips):
-        envelopes = {name: _rounded(getattr(values, name)) for name in ("single", "pair")}
-        return {"smallest": values.smallest, "largest": values.largest, **envelopes}
-    if isinstance(values, Envelope):
-        up = np.ceil(values.coefficients / _STEP_COEFFICIENT) * _STEP_COEFFICIENT
-        rest = {f.name: round(getattr(values, f.name), 4) for f in fields(Envelope)[1:]}
-        return {"coefficients": [round(value, 6) for value in up.tolist()], **rest}
-    if values.ndim:
-        return [_rounded(value) for value in values]
-    if math.isinf(values):
-        return None
-    return round(math.ceil(float(values) / _STEP_MM - _CLOSE) * _STEP_MM, 4)
-
-
-def _singles(rings: Array, alone: Sequence[Measured]) -> Array:
-    """Return the (B, D) largest errors of single contacts up to a polar angle and a depth, mm.
-
-    The error is inf where no scene between the polar angle and the one before reaches the depth.
-    """
-    polar = np.array([math.acos(min(1.0, scene.n[0, 2])) for scene in alone])
-    deepest, errors = np.array([scene.delta[0] for scene in alone]), _errors(alone)
-    rows = []
-    for above, below in pairwise([-1.0, *rings]):
-        inside = polar <= below + _CLOSE
-        held = reached(DEPTH_MM, deepest[inside & (polar > above + _CLOSE)])
-        rows.append(np.where(held, largest(DEPTH_MM, deepest[inside], errors[inside]), np.inf))
-    return np.stack(rows)
+def _rounded(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [round(each, 6) for each in (np.ceil(value / _STEP - _CLOSE) * _STEP).tolist()]
+    return round(value, 4)
 
 
 def main() -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(description="Measure the error bounds of tier coupled.")
+    parser = argparse.ArgumentParser(description="Measure the error bounds of the simulated dome.")
     parser.add_argument("out", type=output_file)
     given = parser.parse_args()
-    tables, scenes = shipped_dome(), (*reference_scenes(), *reference_scenes(read_file(OTHER_TIPS)))
-    write_file(given.out, lambda: write(given.out, tables, measured(tables, scenes)))
+    others, instances = (read_file(DATA / f"{name}.npz") for name in ("other_tips", "instances"))
+    scenes = (*reference_scenes(), *reference_scenes(others))
+    write_file(given.out, lambda: write(given.out, measured(scenes, instances)))
 
 
 if __name__ == "__main__":

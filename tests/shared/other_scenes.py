@@ -1,4 +1,4 @@
-"""Finite-element scenes that made no table: tips of other radii, and tips that moved sideways."""
+"""Finite-element scenes that made no table: other radii, other domes, tips that moved sideways."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,7 @@ import numpy as np
 from tactibench_sim import Tips, read_file, reference_scenes
 
 FOLDER = Path(__file__).resolve().parents[1] / "sim" / "data"
+INSTANCES = read_file(FOLDER / "instances.npz")
 OTHER_TIPS = reference_scenes(read_file(FOLDER / "other_tips.npz"))
 
 

@@ -5,9 +5,19 @@ import functools
 import numpy as np
 import pytest
 
-from tactibench import Indenter, Pose, Scene, SensorContext
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import true_contacts
-from tactibench_sim import NUISANCES, Fitted127, Reference127, TacTip127, Tips, tips_of
+from tactibench_sim import (
+    NUISANCES,
+    Fitted127,
+    Reference127,
+    TacTip127,
+    Tips,
+    information,
+    inverse,
+    streams,
+    tips_of,
+)
 from tactibench_sim import covariance as bound_of
 
 SCENES = {
@@ -76,7 +86,10 @@ def test_tips_that_do_not_touch_do_not_count():
 
 
 def gauss_newton(one, frames, start, radius, rounds):
-    """(N, 3 K) least-squares estimates from (N, H W) frames with the simulator itself."""
+    """(N, U) least-squares estimates from (N, H W) frames with the simulator itself.
+
+    The U unknowns are x, y and depth of each contact, and then friction where one more is given.
+    """
     guess = np.tile(start, (len(frames), 1))
     for _ in range(rounds):
         image, slopes = linear(one, guess, radius)
@@ -88,11 +101,15 @@ def gauss_newton(one, frames, start, radius, rounds):
 
 
 def linear(one, values, radius, h=0.005):
-    """(N, H W) frames of (N, 3 K) contacts and (N, 3 K, H W) their slopes, forward differences."""
+    """(N, H W) frames of (N, U) unknowns and (N, U, H W) their slopes, forward differences."""
     n, unknown = values.shape
     moved = values[:, None] + np.vstack([np.zeros(unknown), h * np.eye(unknown)])
-    parts = moved.reshape(n * (unknown + 1), -1, 3)
-    images = one.clean(Tips(parts[..., :2], parts[..., 2], np.full(len(parts), radius)))
+    rows = moved.reshape(n * (unknown + 1), unknown)
+    count = 3 * (unknown // 3)
+    parts = rows[:, :count].reshape(len(rows), -1, 3)
+    friction = rows[:, -1] if unknown > count else None
+    radii = np.full(len(parts), radius)
+    images = one.clean(Tips(parts[..., :2], parts[..., 2], radii, friction=friction))
     images = images.reshape(n, unknown + 1, -1)
     return images[:, 0], (images[:, 1:] - images[:, :1]) / h
 
@@ -103,7 +120,7 @@ def test_least_squares_reaches_the_bound():
 
     The spread of 500 estimates is known to 3.2 %.
     """
-    one, scene, count = sensor(size=64), SCENES["dual"], 500
+    one, scene, count = sensor(size=64, friction_within=0.0), SCENES["dual"], 500
     tips = tips_of([scene])
     with one:
         frames = [f.image for f in one.press_many([scene] * count)]
@@ -121,6 +138,34 @@ def test_least_squares_reaches_the_bound():
     apart = truth[:2] - truth[3:5]
     g = np.array([*apart, 0, *-apart, 0]) / np.linalg.norm(apart)
     assert separation.std(ddof=1) == pytest.approx(np.sqrt(g @ expected @ g), rel=0.10)
+
+
+@pytest.mark.long
+def test_least_squares_reaches_the_bound_with_friction_unknown():
+    """The spread of 400 estimates of x, y, depth and friction is known to 3.5 %."""
+    scene, count = Scene(Indenter.single(), Pose(3.2, -1.9, depth=2.2)), 400
+    one = sensor(size=64, friction=0.5)
+    points = np.repeat(one.points([scene]), count, axis=0)
+    frames = one.renderer.frames(points, streams(np.random.SeedSequence(5), 0, count))
+    frames = frames.reshape(count, -1).astype(float)
+    truth = np.array([3.2, -1.9, 2.2, 0.5])
+    found = gauss_newton(one, frames, truth + 0.03, 3.0, rounds=4)
+    tips = one.indenter_tips([scene])
+    full = inverse(information(tips, one.clean, one.renderer.variance, ("friction",)))
+    assert found.std(axis=0, ddof=1) == pytest.approx(np.sqrt(np.diag(full)), rel=0.12)
+    assert np.abs(found.mean(axis=0) - truth).max() < 5 * np.sqrt(np.diag(full).max() / count)
+    unknown, known = one.covariance(scene, ("friction",)), one.covariance(scene)
+    assert unknown == pytest.approx(full[:3, :3], rel=1e-6)
+    assert (np.diag(unknown) > np.diag(known)).all()
+
+
+def test_friction_is_a_nuisance_of_sensors_that_rub():
+    scene = SCENES["dual"]
+    rubbing, smooth = sensor(friction=0.5), sensor(friction=0.0)
+    assert set(rubbing.nuisances) - set(smooth.nuisances) == {"friction"}
+    assert rubbing.deviance(scene, ("friction",)) < rubbing.deviance(scene)
+    with pytest.raises(UserError, match="no nuisance 'friction'"):
+        smooth.covariance(scene, ("friction",))
 
 
 def test_a_bound_is_one_row_a_contact():

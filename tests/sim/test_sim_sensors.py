@@ -216,12 +216,8 @@ def test_scenes_of_finite_elements_belong_to_the_tactips():
         known = {p.name for p in SPECS[name].parameters}
         lacking = known - {p.name for p in beside.parameters}
         assert lacking == {"tier", "friction_between", "friction_within", "modulus"}
-    for other, said in (
-        ({"instance": 1}, "of the nominal dome, and sensor"),
-        ({"table": "mine.npz"}, "of the nominal dome, and sensor"),
-        ({"friction": 0.5}, "train with sensor.friction=0"),
-    ):
-        with pytest.raises(UserError, match=said):
+    for other in ({"instance": 1}, {"table": "mine.npz"}):
+        with pytest.raises(UserError, match="of the nominal dome, and sensor"):
             Reference127(SensorContext(np.random.SeedSequence(0)), **other)
 
 

@@ -22,11 +22,11 @@ from tactibench_sim import (
     at_depth,
     at_polar,
     deepest_of,
-    depression,
     layout,
     look_up,
     meridians,
     pair_amounts,
+    quantity_at,
     shipped_dome,
     tip_tables,
 )
@@ -145,7 +145,7 @@ def test_look_up_is_the_tensor_spline():
     row = np.empty(table.value.shape[2:])
     for depth in (1.23, 4.5, 6.01):
         at_depth(table, 0, depth, 1.0, row)
-        one_by_one = [depression(table, 0, depth, angle) for angle in polar]
+        one_by_one = [quantity_at(table, 0, depth, angle, 0) for angle in polar]
         by_row = [at_polar(row, table.polar_step, angle, 0) for angle in polar]
         assert one_by_one == pytest.approx(spline(depth, polar)[0], abs=1e-5)
         assert by_row == pytest.approx(one_by_one, abs=1e-12)
