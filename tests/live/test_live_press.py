@@ -72,7 +72,7 @@ def test_a_request_beyond_its_bounds_is_refused_in_a_sentence(body: bytes) -> No
 
 
 def test_a_press_that_the_sensor_refuses_is_a_sentence(session: Any, read: Any) -> None:
-    with pytest.raises(UserError, match="penetrates"):
+    with pytest.raises(UserError, match="press less deep"):
         session.press(request(radius=2.0, depth=4.0))
     assert read(session.press(request()))["truth"], "the next press is answered"
 

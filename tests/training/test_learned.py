@@ -228,10 +228,10 @@ def test_a_camera_that_is_turned_and_nearer_gives_the_network_the_same(make_read
     model = make_reader(name)
     frames, truth = single_presses(12, 1, noise=False)
     model.prepare(frames, truth)
-    turned, _ = single_presses(12, 1, noise=False, roll=3.0, camera_distance=53.0)
+    turned, _ = single_presses(12, 1, noise=False, roll=3.0, focal=0.3006)
     own, other = (model.inputs(some).numpy() for some in (frames, turned))
-    if name == "vgnn":  # discs have few pixels: how a pin's picture grows is all but noise
-        own, other = own[..., :3], other[..., :3]
+    if name == "vgnn":  # how discs and the cells between pins grow is all but noise here
+        own, other = own[..., :2], other[..., :2]
     assert np.sqrt(np.square(own - other).mean()) < 0.06 * np.sqrt(np.square(own).mean())
 
 
