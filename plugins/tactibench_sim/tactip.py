@@ -215,17 +215,13 @@ class SimulatedTacTip(SimulatedSensor):
         """Return (S,) mm, how far a pin may be from finite elements; inf: nobody measured it.
 
         Nothing is known of tier ``superpose``, of a user's table, of plates, and of tips that move
-        sideways with friction.
+        sideways with friction. Tips rub with the coefficient of the sensor.
         """
         from tactibench_sim.error_bounds import shipped_bounds  # runs ask once, after the frames
 
         if not self._measured:
             return np.full(len(scenes), np.inf)
         tips = self.indenter_tips(scenes)
-        if tips.friction is not None:  # at most, of a press
-            tips = replace(
-                tips, friction=tips.friction * (1 + 3 * self._spreads["friction_within"])
-            )
         bounds = shipped_bounds().bound(tips, self.pin_length, instance=bool(self.instance))
         bounds[self._dragged(scenes) & (bounds > 0)] = np.inf
         return bounds
