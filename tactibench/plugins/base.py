@@ -384,7 +384,8 @@ class Sensor(ABC):
     def terms(self, scenes: Sequence[Scene]) -> Mapping[str, int]:  # noqa: ARG002
         """Return the terms of a simulated field and the number of scenes that need each.
 
-        Terms are named in the simulator's own words, such as "pair"; a scene may need several.
+        Terms are named in the simulator's own words, such as "pair"; a scene may need several. A
+        simulator may also count scenes whose field it finds wrong, such as "depth missed".
         Default: {}, not known.
         """
         return {}
