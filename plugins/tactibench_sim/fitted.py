@@ -5,7 +5,7 @@ a pin that is pressed towards the camera is seen larger.
 
 What the labels do not say is drawn at random for every press of a plate: whether it drags the skin
 along and how far, and with ``spread`` which sensor instance is pressed. All instances have the same
-pins at rest. Spherical tips press as on the nominal dome.
+pins at rest. Spherical tips press as on the nominal dome, without friction.
 """
 
 from __future__ import annotations
