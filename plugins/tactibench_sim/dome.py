@@ -45,6 +45,9 @@ RIM_PER_MM = 0.12
 """How the clamped rim stiffens the dome towards it. By finite elements the force of a tip of R = 3
 mm 40 deg from the apex is 1 % above that at the apex 1 mm deep and 4 % 6 mm deep; at 55 deg, 2 and
 13 %. The term is within 1 % of them."""
+_CLAMP_RAD, _LINE = np.radians(88.0), 4
+"""Nearer to the clamp the tabulated turn is that of an element at its edge, twice as large. Pins so
+far from a contact beside the apex are not at the clamp: finite elements turn them less."""
 _KEPT = 16
 """Number of radii whose splines stay in memory; a protocol presses tips of a few radii."""
 
@@ -303,7 +306,7 @@ def _surface(
     inward, *tangential = names
     sine = np.sin(polar)
     values = [
-        [table.fields[inward], *(_over_sine(table.fields[name], sine) for name in tangential)]
+        [table.fields[inward], *(_over_sine(_odd(table, name), sine) for name in tangential)]
         for table in tables
     ]
     # The compiled loops read three quantities; the outer skin has no tabulated turn.
@@ -314,6 +317,18 @@ def _surface(
         corrections.around(where, radii),
         corrections.pairs(where, radii),
     )
+
+
+def _odd(table: Table, name: str) -> Array:
+    """Return a tangential displacement or the turn; the turn goes straight on into the clamp."""
+    field, last = table.fields[name], int(np.searchsorted(table.polar, _CLAMP_RAD))
+    if name != "omega":
+        return field
+    rate = (field[:, last] - field[:, last - _LINE]) / _LINE
+    beyond = np.arange(1, len(table.polar) - last)
+    out = field.copy()
+    out[:, last + 1 :] = field[:, last, None] + rate[:, None] * beyond
+    return out
 
 
 def _over_sine(field: Array, sine: Array) -> Array:
