@@ -17,7 +17,8 @@ GRID = Grid.centred(32, 0.6)
 
 @cache
 def sensor(tier):
-    return TacTip127(SensorContext(np.random.SeedSequence(0)), tier=tier, noise=False, size=96)
+    given = {"tier": tier, "noise": False, "friction": 0.0, "size": 96}
+    return TacTip127(SensorContext(np.random.SeedSequence(0)), **given)
 
 
 @cache

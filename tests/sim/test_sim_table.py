@@ -131,7 +131,7 @@ def test_a_batch_of_many_radii_is_its_scenes_one_by_one() -> None:
     ],
 )
 def test_beyond_the_tables_is_refused(radius, depth, message) -> None:
-    sensor = TacTip127(SensorContext(np.random.SeedSequence(1)))
+    sensor = TacTip127(SensorContext(np.random.SeedSequence(1)), friction=0.0)
     with pytest.raises(UserError, match=message):
         sensor.press(Scene(Indenter.single(radius), Pose(depth=depth)))
     assert sensor.press(Scene(Indenter.single(3.0), Pose(depth=depth))).image.any()
