@@ -78,11 +78,11 @@ def test_a_steep_tip_that_does_not_touch_is_allowed():
             for name in ("x", "y", "yaw", "tilt", "depth")
             for value, indenter in ((math.nan, Indenter.dual(7.0)), (-math.inf, Indenter.plate()))
         ),
-        (Scene(Indenter.single(0.5), Pose(depth=0.3)), "R = 0.5 mm"),
+        (Scene(Indenter.single(0.5), Pose(depth=0.3)), "radius is 0.5 mm"),
         (Scene(Indenter.single(), Pose(x=150.0, depth=1)), "must be within 100 mm"),
         (Scene(Indenter.single(), Pose(tilt=5.0, depth=1)), "tilt is 5 deg"),
         (Scene(Indenter.plate(), Pose(tilt=95.0, depth=1)), "tilt is 95 deg"),
-        (Scene(Indenter.single(), Pose(depth=6.6)), r"tables end at 6.5 mm: press less deep"),
+        (Scene(Indenter.single(), Pose(depth=6.6)), r"tables end at 6.5 mm, press less deep"),
         (Scene(Indenter.dual(7.0), Pose(depth=25.0)), "less than the dome's radius"),
         (Scene(Indenter.single(), Pose(depth=-0.1)), "depth is -0.1 mm; it must be 0 or more"),
         (Scene(Indenter.single(), Pose(x=20.5, depth=1)), "beyond 55 deg"),
