@@ -164,7 +164,8 @@ def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float
     if at > last:
         beyond = min((polar - last * step) / FADE_RAD, 1.0)
         a, b, c, d = hermite(beyond, FADE_RAD)
-        return a * meridian[last, k] + b * meridian[last, k + 1]
+        faded: float = a * meridian[last, k] + b * meridian[last, k + 1]
+        return faded
     left = min(int(at), last - 1)
     a, b, c, d = hermite(at - left, step)
     value: float = (
@@ -194,33 +195,6 @@ def quantity_at(table: Meridians, indenter: int, depth: float, polar: float, q: 
             node += wd[2] * value[row + 1, t + k, c] + wd[3] * rate[row + 1, t + k, c]
             total += wa[2 * k + slope] * node
     return total
-
-
-@jit
-def push_aside(skin: Meridians, table: Index, n: Array, amplitude: Array, shape: Array) -> Array:
-    """Return (S, K, 3) mm: how far the normal loads of the others move the skin under each tip.
-
-    It is the motion along the skin, without the corrections of the rim and of pairs.
-
-    Args:
-        skin: Fields of the outer skin.
-        table: (S,) indices of the indenters.
-        n: (S, K, 3) directions of the tips.
-        amplitude: (S, K) amplitudes a.
-        shape: (S, K) shape depths s, mm.
-    """
-    out = np.zeros(n.shape)
-    for s in range(len(n)):
-        for i in range(n.shape[1]):
-            for j in range(n.shape[1]):
-                if j == i or amplitude[s, j] == 0.0:
-                    continue
-                a, b = n[s, j], n[s, i]
-                cosine = min(max(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], -1.0), 1.0)
-                t = quantity_at(skin, table[s], shape[s, j], math.acos(cosine), 1)
-                for k in range(3):
-                    out[s, i, k] += amplitude[s, j] * t * (b[k] * cosine - a[k])
-    return out
 
 
 @jit
@@ -646,6 +620,62 @@ def patch_at(modes: Modes, amounts: Array, frame: Array, direction: Array, out: 
         part = look_up(modes.grid[k], modes.step, modes.start, frame, x, y, z)
         for c in range(6):
             out[c] += amounts[k] * part[c]
+
+
+@jit
+def push_aside(
+    skin: Meridians,
+    pairs: Pairs,
+    table: Index,
+    n: Array,
+    delta: Array,
+    amplitude: Array,
+    shape: Array,
+    strength: Array,
+) -> Array:
+    """Return (S, K, 3) mm: how far the normal loads of the others move the skin under each tip.
+
+    It is the motion along the skin, by T of the others and by C of the pairs that the tip is part
+    of. O and the pairs of others change it by less than 0.002 mm.
+
+    Args:
+        skin: Fields of the outer skin.
+        pairs: Pair corrections of the outer skin.
+        table: (S,) indices of the indenters.
+        n: (S, K, 3) directions of the tips.
+        delta: (S, K) penetrations, mm.
+        amplitude: (S, K) amplitudes a.
+        shape: (S, K) shape depths s, mm.
+        strength: (S, K, K) strengths of C.
+    """
+    out = np.zeros(n.shape)
+    frame, six, amounts = np.empty((3, 3)), np.empty(6), np.empty(len(pairs.modes.grid))
+    for s in range(len(n)):
+        for i in range(n.shape[1]):
+            for j in range(n.shape[1]):
+                if j == i or amplitude[s, j] == 0.0:
+                    continue
+                a, b = n[s, j], n[s, i]
+                cosine = min(max(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], -1.0), 1.0)
+                t = quantity_at(skin, table[s], shape[s, j], math.acos(cosine), 1)
+                for k in range(3):
+                    out[s, i, k] += amplitude[s, j] * t * (b[k] * cosine - a[k])
+        for i in range(n.shape[1] if table[s] == pairs.indenter else 0):
+            for j in range(i + 1, n.shape[1]):
+                if strength[s, i, j] > 0.0 and pair_strengths(
+                    pairs, n[s, i], n[s, j], delta[s, i], delta[s, j], frame, amounts
+                ):
+                    for tip in range(n.shape[1]):
+                        patch_at(pairs.modes, amounts, frame, n[s, tip], six)
+                        for k in range(3):
+                            moved = turned(frame, six[0], six[1], six[2], k)
+                            out[s, tip, k] += strength[s, i, j] * moved
+        for i in range(n.shape[1]):
+            b = n[s, i]
+            up = out[s, i, 0] * b[0] + out[s, i, 1] * b[1] + out[s, i, 2] * b[2]
+            for k in range(3):
+                out[s, i, k] -= up * b[k]
+    return out
 
 
 @jit

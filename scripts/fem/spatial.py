@@ -4,12 +4,8 @@ P2 displacement and one P1 pressure of each material, frictionless contact. With
 the pin bases under a sphere of 3 mm on the apex differ from the axisymmetric runs by at most
 0.012 mm down to 4 mm depth and 0.016 mm at 6 mm, the force by 1.5 %.
 
-With friction (``Drag``), tips are pressed without it first and then moved together, parallel to the
-dome's base. Each touching point follows its tip by a spring along the tip's surface, whose force
-Coulomb's friction limits to mu times the pressure (rounded, so that Newton meets no kink). The
-displacement is finite and the tips go on pressing as they move. The touching points and their
-pressure are those of the step before, in steps of a tenth of a millimetre; with stick they are
-those of the press.
+``Drag`` holds the skin that a press touched and moves the tips together, parallel to the dome's
+base; friction of finite size stands in friction.py.
 """
 
 from __future__ import annotations
@@ -482,33 +478,26 @@ class SpatialPress:
         return force
 
 
-STICK = math.inf
 _TIE = 100.0  # E_skin / mm, of skin that sticks
-# Softer where the skin may slip, so that Newton converges; it follows by .99 of stuck skin.
-_SLIDING_TIE = 4.0
-_ROUNDING_MM = 2e-3
-_STEP_MM = 0.1
 _SETTINGS = replace(SPATIAL, first=0.1, smallest=1e-3, largest=0.25, steps=25)
 
 
 class Drag:
-    """The tips of a press at rest, moved sideways from there."""
+    """The tips of a press at rest, moved sideways from there with the skin stuck to them."""
 
-    def __init__(self, press: SpatialPress, direction: Array, friction: float) -> None:
+    def __init__(self, press: SpatialPress, direction: Array) -> None:
         """Begin at the present state of ``press``, which the drag then changes.
 
         Args:
             press: Tips that have been pressed without friction.
             direction: (2,) unit vector of the move.
-            friction: Coulomb's coefficient, or STICK.
         """
         ngs = require_ngsolve()
-        self.press, self.direction, self.friction = press, direction, friction
+        self.press, self.direction = press, direction
         displacement = press.state.components[0]
-        self._before, self._last = (ngs.GridFunction(displacement.space) for _ in range(2))
+        self._before = ngs.GridFunction(displacement.space)
         self._before.vec.data = displacement.vec
-        self._last.vec.data = displacement.vec
-        self._moved, self._last_moved = ngs.Parameter(0.0), ngs.Parameter(0.0)
+        self._moved = ngs.Parameter(0.0)
         energy, tangent = press.forms(self._contacts)
         self._path = Continuation(
             energy,
@@ -527,13 +516,7 @@ class Drag:
         Raises:
             NotConvergedError: A run failed.
         """
-        if self.friction == STICK:
-            self._path.advance(way)
-            return self.press.field()
-        while self._path.level < way - 1e-9:
-            self._path.advance(min(way, self._path.level + _STEP_MM))
-            self._last.vec.data = self.press.state.components[0].vec
-            self._last_moved.Set(self._path.level)
+        self._path.advance(way)
         return self.press.field()
 
     def force(self) -> float:
@@ -558,43 +541,36 @@ class Drag:
         terms = []
         for tip, depth in zip(press.tips, press.depths, strict=True):
             pushed = rounded_energy(tip.inside(moved, float(depth)), tip.cushion)
-            held = self._friction_energy(tip, float(depth), slip)
+            held = self._held(tip, float(depth), slip)
             terms += [ngs.Variation(term.Compile() * skin) for term in (pushed, held)]
         return terms
 
-    def _friction_energy(self, tip: Tip, depth: float, slip: list[Any]) -> Any:
-        """Return an energy per area whose force is a spring's, at most friction times pressure."""
+    def _held(self, tip: Tip, depth: float, slip: list[Any]) -> Any:
+        """Return an energy per area of springs that hold the skin which the press touched."""
         ngs = require_ngsolve()
-        pressure, normal = self._contact(tip, depth)
+        axes = (ngs.x, ngs.y, ngs.z)
+        pressed = [axis + self._before[i] for i, axis in enumerate(axes)]
+        normal = surface_normal(tip, pressed, depth)
         along = sum(a * b for a, b in zip(slip, normal, strict=True))
         square = sum((a - along * b) ** 2 for a, b in zip(slip, normal, strict=True))
-        touching = ngs.IfPos(pressure, 1.0, 0.0)
-        if self.friction == STICK:
-            return touching * _TIE / 2 * square
-        most = self.friction * pressure
-        rounding = most / _SLIDING_TIE + _ROUNDING_MM
-        return touching * most * (ngs.sqrt(square + rounding * rounding) - rounding)
-
-    def _contact(self, tip: Tip, depth: float) -> tuple[Any, list[Any]]:
-        """Return the pressure of a tip on the skin, and its outward normal, after the last step."""
-        ngs = require_ngsolve()
-        way = [float(part) * self._last_moved for part in self.direction] + [0.0]
-        axes = (ngs.x, ngs.y, ngs.z)
-        last = [axis + self._last[i] - way[i] for i, axis in enumerate(axes)]
-        inside = tip.inside(last, depth)
-        e = tip.cushion.rounding
-        pressure = tip.cushion.penalty * ngs.IfPos(
-            inside - e, inside - e / 2, ngs.IfPos(inside, inside * inside / (2 * e), 0.0)
-        )
-        return pressure, _normal(tip, last, depth)
+        return ngs.IfPos(tip.inside(pressed, depth), 1.0, 0.0) * _TIE / 2 * square
 
 
-def _normal(tip: Tip, place: list[Any], depth: float) -> list[Any]:
-    """Return the outward normal of a tip's surface at a place that touches it."""
+def surface_normal(tip: Tip, place: list[Any], depth: Any) -> list[Any]:
+    """Return the outward normal of a tip's surface at a place that touches it.
+
+    Args:
+        tip: The tip.
+        place: Three components of the place, mm, numbers or coefficient functions.
+        depth: Depth of the tip, mm, likewise.
+    """
     if math.isinf(tip.radius):
         return [float(part) for part in tip.axis]
     ngs = require_ngsolve()
-    q = [place[i] - float(part) for i, part in enumerate(tip.centre(depth))]
+    q = [
+        place[i] - float(start) + depth * float(part)
+        for i, (start, part) in enumerate(zip(tip.start, tip.axis, strict=True))
+    ]
     above = sum(a * float(b) for a, b in zip(q, tip.axis, strict=True))
     rod = ngs.IfPos(above, above, 0.0)  # beside the rod the normal is that of a cylinder
     side = [a - rod * float(b) for a, b in zip(q, tip.axis, strict=True)]

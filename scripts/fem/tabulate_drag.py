@@ -22,7 +22,7 @@ import numpy.typing as npt
 from elements import Dome
 from fem_script import output_file, report_progress, solver, write_file, write_tables
 from scipy.interpolate import make_lsq_spline
-from spatial import STICK, Drag, Fineness, SpatialPress, Tip
+from spatial import Drag, Fineness, SpatialPress, Tip
 
 from tactibench_sim import RADIUS_MM, SHARES, deepest_of, shape_name, shipped_dome
 
@@ -107,7 +107,7 @@ def drag(dome: Dome, radius: float, depth: float) -> tuple[Array, float, Array]:
     press = SpatialPress(dome, [tip], np.array([[depth]]), mirror=True, fineness=fineness)
     press.move(np.array([depth]))
     before = first_order(press)
-    pulled = Drag(press, np.array([1.0, 0.0]), STICK)
+    pulled = Drag(press, np.array([1.0, 0.0]))
     move = min(max(MOVE_SHARE * depth, LEAST_MOVE_MM), MOST_MOVE_MM)
     pulled.move(move)
     return first_order(press) - before, pulled.force(), np.array(move)

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from other_scenes import Slide, slides
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench_sim import (
     FrictionMechanics,
+    ReferenceScene,
     TableMechanics,
     TacTip127,
     Tips,
     layout,
+    reference_scenes,
     shipped_dome,
     tip_drag,
     tips_of,
@@ -23,6 +24,8 @@ from tactibench_sim import (
 
 Array = npt.NDArray[np.float64]
 PINS = layout(127)
+NAMES = {1: "single", 2: "pair", 3: "triple"}
+RUBBED = [scene for scene in reference_scenes() if scene.friction]
 FRICTIONLESS = TableMechanics(shipped_dome(), "coupled", other_tips=True)
 
 
@@ -45,16 +48,15 @@ def sideways_force(friction: float, tips: Tips) -> Array:
 
 
 class TestNothingIsDragged:
-    @pytest.mark.parametrize(
-        "scene", [single(3, -2), Scene(Indenter.dual(8), Pose(1, 2, 30, depth=3))]
-    )
-    def test_a_press_that_goes_straight_down_is_the_one_without_friction(
-        self, scene: Scene
-    ) -> None:
-        tips = tips_of([scene])
+    def test_a_press_at_the_apex_is_the_one_without_friction(self) -> None:
+        tips = tips_of([single()])
         assert (
             bases(0.8, tips) == FRICTIONLESS.displacement(FRICTIONLESS.loads(tips), PINS)[0][0]
         ).all()
+
+    def test_a_plate_goes_down_along_its_normal_and_drags_nothing(self) -> None:
+        tips = tips_of([Scene(Indenter.plate(), Pose(tilt=12, yaw=30, depth=3))])
+        assert not sideways_force(0.8, tips).any()
 
     def test_a_sensor_without_friction_makes_the_same_frame_of_a_moved_pose(self) -> None:
         context = SensorContext(np.random.SeedSequence(0))
@@ -74,31 +76,65 @@ class TestNothingIsDragged:
 
 class TestLaw:
     def test_a_short_move_is_followed_and_a_long_one_slips_at_coulombs_limit(self) -> None:
-        normal = float(FRICTIONLESS.forces(FRICTIONLESS.loads(tips_of([single()])))[0, 0])
+        rubbing = FrictionMechanics(FRICTIONLESS, 0.8)
+        normal = float(rubbing.forces(rubbing.loads(tips_of([single()])))[0, 0])
         compliance = float(tip_drag(3.0).compliance_at(np.array(2.0)))
-        short = sideways_force(0.8, moved(single(), dx=0.01))[0]
+        short = sideways_force(0.8, moved(single(0.01), dx=0.01))[0]
         assert short[0] == pytest.approx(0.01 / compliance, rel=0.02)
         long = sideways_force(0.8, moved(single(), dx=5.0))[0]
         assert long[0] == pytest.approx(0.8 * normal, rel=1e-9)
         assert abs(long[1:]).max() < 1e-12
 
     def test_half_way_to_the_slip_the_force_is_mindlins(self) -> None:
-        normal = float(FRICTIONLESS.forces(FRICTIONLESS.loads(tips_of([single()])))[0, 0])
+        rubbing = FrictionMechanics(FRICTIONLESS, 0.4)
+        normal = float(rubbing.forces(rubbing.loads(tips_of([single()])))[0, 0])
         compliance = float(tip_drag(3.0).compliance_at(np.array(2.0)))
         way = 0.5 * 1.5 * 0.4 * normal * compliance
-        force = sideways_force(0.4, moved(single(), dx=way))[0, 0]
-        assert force == pytest.approx(0.4 * normal * (1 - 0.5**1.5), rel=1e-9)
+        force = sideways_force(0.4, moved(single(way), dx=way))[0, 0]
+        assert force == pytest.approx(0.4 * normal * (1 - 0.5**1.5), rel=0.01)
+
+    @pytest.mark.parametrize("x", [2.0, 6.0, 10.0])
+    def test_a_tip_beside_the_apex_slides_and_pulls_the_skin_up_the_side(self, x: float) -> None:
+        """Down by d it slides d sin(angle) over the skin, which spreads by 0.08 d to all sides."""
+        tips = tips_of([single(x, depth=3.0)])
+        mechanics = FrictionMechanics(FRICTIONLESS, 0.05)
+        loads = mechanics.loads(tips)
+        force, normal = loads.pulls[0].force[0, 0], mechanics.forces(loads)[0, 0]
+        slide = np.sqrt(1 - tips.directions()[0][0, 0, 2] ** 2)
+        pull = 0.05 * normal * slide / np.hypot(slide, 0.08)
+        assert np.linalg.norm(force) == pytest.approx(pull, rel=0.1)
+        assert abs(force @ loads.pressed[0].n[0, 0]) < 0.02 * np.linalg.norm(force)
+        assert force[0] > 0 > force[2]  # it takes the skin down the side with it
+
+    def test_a_tip_that_sticks_takes_the_skin_all_the_way(self) -> None:
+        """With friction so large that nothing slips, the force is the slide over the compliance."""
+        tips = tips_of([single(4.0, depth=0.5)])
+        force = np.linalg.norm(sideways_force(50.0, tips)[0])
+        n, delta = tips.directions()
+        slide = 0.5 * np.sqrt(1 - n[0, 0, 2] ** 2)
+        soft = float(tip_drag(3.0).compliance_at(delta[0, 0]))
+        assert force == pytest.approx(slide / soft, rel=0.1)
+
+    def test_coulombs_limit_holds_in_pairs_and_triples(self) -> None:
+        rng = np.random.default_rng(5)
+        for count, spacing in ((2, 7.0), (3, 8.0)):
+            turn = 2 * np.pi * np.arange(count) / count
+            around = spacing / 2 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+            xy = rng.uniform(-5, 5, (20, 1, 2)) + around
+            tips = Tips(xy, rng.uniform(0.2, 3, (20, count)), np.full(20, 3.0))
+            mechanics = FrictionMechanics(FRICTIONLESS, 0.5)
+            loads = mechanics.loads(tips)
+            pulled = np.linalg.norm(loads.pulls[0].force, axis=-1)
+            assert (pulled <= 0.5 * mechanics.forces(loads) * 1.05 + 1e-3).all()
 
     def test_a_pair_that_turns_pulls_with_two_opposite_forces(self) -> None:
         pair = Scene(Indenter.dual(8.0), Pose(depth=2.0))
         force = sideways_force(0.8, moved(pair, dyaw=3.0))
         np.testing.assert_allclose(force[0] * [1, 1, -1], -force[1], atol=1e-8)
-        assert abs(force[:, 0]).max() < 0.1 * abs(force[:, 1]).max()
 
     def test_a_single_tip_that_turns_about_its_axis_drags_nothing(self) -> None:
-        assert (
-            bases(0.8, moved(single(2, 1), dyaw=90.0)) == bases(0.8, tips_of([single(2, 1)]))
-        ).all()
+        turned, still = moved(single(2, 1), dyaw=90.0), tips_of([single(2, 1)])
+        np.testing.assert_allclose(bases(0.8, turned), bases(0.8, still), atol=1e-9)
 
 
 @pytest.mark.parametrize("turn", [37.0, 90.0, 180.0])
@@ -115,21 +151,24 @@ def test_turning_the_scene_turns_the_field(turn: float) -> None:
         np.testing.assert_allclose(b, a @ spin.T, atol=1e-11)
 
 
-LARGEST_MM = {1.5: 0.015, 3.0: 0.16, 4.0: 0.03, np.inf: 0.08}
-"""Measured: largest error at a pin base of tips to 3 mm depth, by radius."""
+BOUNDS_MM = {"single": (0.15, 0.036), "pair": (0.08, 0.022), "triple": (0.08, 0.02)}
+"""Measured: largest and median error of a pin base in the scenes to 3 mm depth, by kind."""
 
 
-@pytest.mark.parametrize("scene", slides(), ids=lambda scene: f"R{scene.tips.radius[0]:g}")
-def test_the_field_is_that_of_finite_elements_with_coulombs_friction(
-    scene: Slide,
-) -> None:
-    dragged, still = (
-        np.linalg.norm(bases(friction, scene.tips) - scene.displacement, axis=1).max()
-        for friction in (scene.friction, 0.0)
-    )
-    if scene.tips.depth.max() < 3.2:
-        assert dragged <= LARGEST_MM[float(scene.tips.radius[0])]
-    assert dragged < 0.27 * still
+@pytest.mark.parametrize("scene", RUBBED, ids=lambda scene: scene.label)
+def test_the_field_is_that_of_finite_elements_with_friction(scene: ReferenceScene) -> None:
+    mechanics = FrictionMechanics(FRICTIONLESS, scene.friction)
+    fields = [
+        each.displacement(each.loads(scene.as_tips), scene.directions)[0][0]
+        for each in (mechanics, FRICTIONLESS)
+    ]
+    error, without = (np.linalg.norm(field - scene.displacement, axis=1) for field in fields)
+    largest, median = BOUNDS_MM[NAMES[len(scene.tips)]]
+    if scene.depth <= 3:
+        assert error.max() < largest
+        assert np.median(error) < median
+    assert error.max() < without.max()
+    assert np.median(error) < np.median(without) + 0.002
 
 
 def test_a_scene_has_one_field_whatever_else_is_in_the_batch() -> None:
