@@ -353,24 +353,23 @@ def _share_again(
                             inward -= turned(frame, six[0], six[1], six[2], c) * n[k, c]
                         apart = (1.0 - same(n[k], n[i])) * (1.0 - same(n[k], n[j]))
                         moved[i, j, k] = apart * inward
-    strength = np.ones((count, count))
+    strength, extra = np.ones((count, count)), np.full(count, np.inf)
     for _ in range(_ROUNDS):
-        extra = np.zeros(count)
-        before = strength.copy()
+        before, extra = extra, np.zeros(count)
         for i in range(count):
             for j in range(i + 1, count):
+                first = _load_at(i, j, n, effective, depth)
+                second = _load_at(j, i, n, effective, depth)
                 ratio = 1.0
                 if alone[i, j] > _SHALLOW:
-                    first = _load_at(i, j, n, effective, depth)
-                    second = _load_at(j, i, n, effective, depth)
                     ratio = min(max(first * second / alone[i, j], 0.0), 1.0)
                 shares = own_share(i, j, n, effective) * own_share(j, i, n, effective)
                 strength[i, j] = strength[j, i] = shares * ratio**POWER
                 for k in range(count):
-                    extra[k] += strength[i, j] * moved[i, j, k]
-        effective, depth = _share(skin, table, n, delta, extra)
-        if np.abs(strength - before).max() < 1e-10:
+                    extra[k] += strength[i, j] * fade(first) * fade(second) * moved[i, j, k]
+        if np.abs(extra - before).max() < 1e-10:
             break
+        effective, depth = _share(skin, table, n, delta, extra)
     return effective, depth, strength
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from other_scenes import sideways
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench_sim import (
@@ -14,6 +16,7 @@ from tactibench_sim import (
     ReferenceScene,
     TableMechanics,
     TacTip127,
+    TacTip331,
     Tips,
     layout,
     reference_scenes,
@@ -203,3 +206,65 @@ class TestBadInput:
     def test_a_radius_beyond_the_tables_of_drag_is_refused(self, radius: float) -> None:
         with pytest.raises(UserError, match=r"drag for 1 to 8 mm.*sensor\.friction"):
             tip_drag(radius)
+
+
+SIDEWAYS_MM = {"back_5": (0.068, 0.026), "sharp_5": (0.017, 0.009)}
+"""Measured: largest and median error of a pin base. The pull that turns round lags by half."""
+
+
+@pytest.mark.parametrize("run", SIDEWAYS_MM)
+def test_a_press_that_goes_sideways_is_that_of_finite_elements(run: str) -> None:
+    mechanics = FrictionMechanics(FRICTIONLESS, 0.5)
+    largest, median = SIDEWAYS_MM[run]
+    for tips, directions, u in sideways(run):
+        error, without = (
+            np.linalg.norm(each.displacement(each.loads(tips), directions)[0][0] - u, axis=1)
+            for each in (mechanics, FRICTIONLESS)
+        )
+        assert error.max() < min(largest, without.max())
+        assert np.median(error) < min(median, np.median(without))
+
+
+def random_path(rng: np.random.Generator) -> Callable[[float], Scene]:
+    """Return a press whose depth, place, turn or spacing grows with the argument, mm."""
+    kind, what = rng.integers(3), rng.choice(["depth", "x", "yaw", "spacing"])
+    radius, turn, yaw = 8 * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi), rng.uniform(0, 180)
+    depth, spacing = rng.uniform(0, 5.2 if kind == 0 else 3.2), rng.uniform(0.01, 12)
+    heights = (0.0, *rng.uniform(0, 1.5, 2).tolist())
+
+    def scene(way: float) -> Scene:
+        goes = {name: way if name == what else 0.0 for name in ("depth", "x", "yaw", "spacing")}
+        indenter = (
+            Indenter.single(),
+            Indenter.dual(spacing + goes["spacing"]),
+            Indenter.triple(heights),
+        )[kind]
+        x, y = radius * np.cos(turn) + goes["x"], radius * np.sin(turn)
+        pose = Pose(x, y, yaw + np.degrees(goes["yaw"] / 4), depth=depth + goes["depth"])
+        return Scene(indenter, pose)
+
+    return scene
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("kind", [TacTip127, TacTip331])
+def test_no_pin_jumps_on_any_path(kind: type[TacTip127], friction: float) -> None:
+    """The largest step of 0.02 mm is halved and halved again: a jump would stay as it is.
+
+    At 1e-4 mm it is at most 0.002 px.
+    """
+    sensor = kind(SensorContext(np.random.SeedSequence(0)), friction=friction)
+    rng = np.random.default_rng(3)
+
+    def largest_step(scene: Callable[[float], Scene], ways: Array) -> tuple[int, float]:
+        x, y, _ = sensor.renderer.project(sensor.points([scene(way) for way in ways.tolist()]))
+        steps = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)).max(axis=1)
+        return int(steps.argmax()), float(steps.max())
+
+    for _ in range(25):
+        scene, ways = random_path(rng), np.linspace(0.0, 0.8, 41)
+        while ways[1] - ways[0] > 1e-4:
+            at, step = largest_step(scene, ways)
+            ways = np.linspace(ways[at], ways[at + 1], 6)
+        _, step = largest_step(scene, ways)
+        assert step <= 0.002 * max((ways[1] - ways[0]) / 1e-4, 0.1)
