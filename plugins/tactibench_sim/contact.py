@@ -22,6 +22,9 @@ STEEPEST_DEG = 55.0
 FARTHEST_MM = 100.0
 """A pose farther from the axis, or a longer move, is a mistake in units."""
 FARTHEST_TURN_DEG = 180.0
+MOST_TIPS = 12
+"""Tips of one indenter: the time of a scene grows with their cube, to 0.02 s for 12 with
+friction."""
 SLACK = 0.01
 """mm and deg that bounds may step beyond a limit to take differences."""
 
@@ -73,9 +76,15 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
 
     Raises:
         UserError: A pose or move is not finite or out of range, the depth is negative or not less
-            than the dome's radius, a spherical tip is tilted, or a plate by 90 deg or more.
+            than the dome's radius, a spherical tip is tilted, or a plate by 90 deg or more; or an
+            indenter has more than MOST_TIPS tips.
     """
     offsets, pose, radius = pose_arrays(scenes)
+    if offsets.shape[1] > MOST_TIPS:
+        raise UserError(
+            f"an indenter has {offsets.shape[1]} tips; the simulated dome takes at most "
+            f"{MOST_TIPS} at once: press fewer."
+        )
     plate = np.isinf(radius)
     check_poses(
         scenes,

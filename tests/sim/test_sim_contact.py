@@ -87,6 +87,10 @@ def test_a_steep_tip_that_does_not_touch_is_allowed():
         (Scene(Indenter.single(), Pose(depth=-0.1)), "depth is -0.1 mm; it must be 0 or more"),
         (Scene(Indenter.single(), Pose(x=20.5, depth=1)), "beyond 55 deg"),
         (Scene(Indenter.dual(40.0), Pose(depth=1)), "beyond 55 deg"),
+        (
+            Scene(Indenter(1.0, ((0.0, 0.0, 0.0),) * 13, "brush"), Pose(depth=1)),
+            "13 tips.*press fewer",
+        ),
         (Scene(Indenter.plate(), Pose(tilt=60.0, depth=1)), "beyond 55 deg"),
     ],
 )
