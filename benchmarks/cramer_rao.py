@@ -24,6 +24,7 @@ def main() -> None:
     given = parser.parse_args()
     spec = read_protocol(protocol_files()["exp1"]).spec
     scenes = draw_scenes(spec, "singles").scenes
+    assert spec.split is not None  # noqa: S101 - exp1 has one
     test = split_presses(len(scenes), spec.split, spec.data_seed).test[: given.presses]
     sensor = TacTip127(SensorContext(np.random.SeedSequence(0)))
     rows = []
@@ -32,10 +33,11 @@ def main() -> None:
         every = information(tips, sensor.clean, sensor.renderer.variance, ("friction",))
         known, unknown = inverse(every[:3, :3]), inverse(marginal(every, 4))
         rows.append(np.sqrt([*np.diag(known), *np.diag(unknown)]))
-    x, y, depth, *unknown = np.median(rows, axis=0)
+    median = np.median(rows, axis=0)
+    x, y, depth = median[:3]
     print(f"{len(rows)} presses, friction {sensor.friction:g}")
     print(f"known:   x {1e3 * x:.2f}, y {1e3 * y:.2f}, depth {1e3 * depth:.2f} um")
-    x, y, depth, friction = unknown
+    x, y, depth, friction = median[3:]
     print(
         f"unknown: x {1e3 * x:.2f}, y {1e3 * y:.2f}, depth {1e3 * depth:.2f} um, "
         f"coefficient {friction:.4f}"

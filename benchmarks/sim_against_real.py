@@ -243,7 +243,8 @@ def print_motion(presses: Presses, calibration: Calibration) -> None:
     order = linear_sum_assignment((apart**2).sum(axis=-1))[1]
     sim = np.where(np.isfinite(held.moved), (places[1:] - places[0])[:, order], 0.0)
     ratio = np.sqrt(np.nansum(held.moved**2, axis=(1, 2)) / (sim**2).sum(axis=(1, 2)))
-    bands = pd.Series(ratio).groupby(pd.cut(depth, DEPTHS, right=False), observed=True).median()
+    table = pd.DataFrame({"ratio": ratio, "band": pd.cut(depth, DEPTHS, right=False)})
+    bands = table.groupby("band", observed=True)["ratio"].median()
     print(f"real over simulated motion, tactip-{len(presses.rest)}, {len(ratio)} presses")
     print(f"by indentation: {bands.round(3).to_dict()}; all: {np.median(ratio):.3f}")
 

@@ -18,7 +18,7 @@ import argparse
 import time
 from collections import defaultdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -76,7 +76,7 @@ def compare(scene: ReferenceScene, tiers: dict[str, TableMechanics]) -> Compared
     context = SensorContext(np.random.SeedSequence(0))
     sensors = [kind(context) for kind in (TacTip127, TacTip331)]
     tips, off = scene.as_tips, {}
-    models = {
+    models: dict[str, Any] = {
         tier: FrictionMechanics(plain, scene.friction) if scene.friction else plain
         for tier, plain in tiers.items()
     }
@@ -149,7 +149,8 @@ def print_times(tiers: dict[str, TableMechanics]) -> None:
     xy = rng.uniform(-2, 2, (BATCH, 1, 2)) + np.array([[-3.5, 0.0], [3.5, 0.0]])
     tips = Tips(xy, rng.uniform(0.5, 4, (BATCH, 2)), np.full(BATCH, 3.0))
     rubbing = {"with friction": FrictionMechanics(tiers["coupled"], 0.5)}
-    for name, mechanics in {**tiers, **rubbing}.items():
+    each: dict[str, Any] = {**tiers, **rubbing}
+    for name, mechanics in each.items():
         times = []
         for _ in range(REPEATS):
             begun = time.perf_counter()

@@ -42,7 +42,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_mixture": (212, 3),
     "plugins/tactibench_pins": (798, 5),
     "plugins/tactibench_recorded": (259, 3),
-    "plugins/tactibench_sim": (4000, 23),
+    "plugins/tactibench_sim": (3960, 22),
     "plugins/tactibench_superpose": (799, 5),
     "plugins/tactibench_tactip": (3628, 22),
     "plugins/tactibench_unet": (440, 3),

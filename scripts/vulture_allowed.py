@@ -28,6 +28,7 @@ VGNN
 another_grid
 close_pair
 context_manager
+deeper
 determinism
 deterministic
 finds_contacts

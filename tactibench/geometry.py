@@ -118,8 +118,8 @@ def true_contacts(
         UserError: The indenter is a plate and the surface a flat pad, which it touches everywhere.
     """
     if scene.indenter.is_plate:
-        xy, depth = [plate_contact_xy(scene, dome_radius)], scene.pose.depth
-        return Contacts.truth(xy, [depth], force) if depth > 0 else Contacts.none()
+        xy, deep = [plate_contact_xy(scene, dome_radius)], scene.pose.depth
+        return Contacts.truth(xy, [deep], force) if deep > 0 else Contacts.none()
     depth = tip_depths(scene, dome_radius)
     touching = depth > 0
     return Contacts.truth(tip_positions(scene)[touching, :2], depth[touching], force)

@@ -137,7 +137,8 @@ def measured(scenes: Sequence[ReferenceScene], instances: TableFile) -> Bounds:
         instances: Scenes of other domes, with their ``domes``: stiffness ratio and skin, mm.
     """
     every = measure(scenes)
-    radius, rough = every.tips.radius, every.tips.friction > 0  # type: ignore[operator]
+    radius = every.tips.radius
+    rough = np.asarray(every.tips.friction, dtype=np.float64) > 0
     # Few runs of other tips have normals; in the others tips are taken to be off by as many times
     # what bases are.
     base, tip = every.errors[radius != RADIUS_MM].T
@@ -149,11 +150,11 @@ def measured(scenes: Sequence[ReferenceScene], instances: TableFile) -> Bounds:
         (SMALLEST_MM, RADIUS_MM),
         (RADIUS_MM, LARGEST_MM),
     ):
-        rows = (radius >= low) & (radius <= high) & ((radius == RADIUS_MM) == (low == high))
+        nominal = radius == RADIUS_MM if low == high else radius != RADIUS_MM
+        rows = (radius >= low) & (radius <= high) & nominal
         for fewest, group in by_contacts(every.take(rows & ~rough)):
             envelopes.append(envelope(group, low, high, fewest))
-    envelopes = with_friction(envelopes, every.take(rough))
-    bounds = Bounds(tuple(envelopes), np.zeros(2))
+    bounds = Bounds(tuple(with_friction(envelopes, every.take(rough))), np.zeros(2))
     return replace(bounds, instance=beyond_nominal(bounds, instances))
 
 

@@ -95,11 +95,11 @@ def gather(path: Path, runs: Sequence[Path]) -> str:
         file = read_file(run)
         where = _rows(file.arrays["directions"], pins)
         states = [file.arrays["tips"], *(file.arrays[name][:, where] for name in ("u", "normal"))]
-        moved[run.stem] = list(zip(*states, strict=True))
+        moved[run.stem] = [(tips, u, normal) for tips, u, normal in zip(*states, strict=True)]
         radius[run.stem], friction[run.stem] = (file.parameters[k] for k in ("radius", "friction"))
     arrays: dict[str, npt.NDArray[Any]] = {"directions": pins}
-    for name, states in moved.items():
-        tips, u, normal = (np.stack(values) for values in zip(*states, strict=True))
+    for name, scenes in moved.items():
+        tips, u, normal = (np.stack(values) for values in zip(*scenes, strict=True))
         arrays[f"{name}_tips"] = tips
         arrays[f"{name}_u"] = np.rint(u / STEP_MM).astype(np.int16)
         arrays[f"{name}_normal"] = np.rint(normal / STEP_NORMAL).astype(np.int16)

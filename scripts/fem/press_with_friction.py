@@ -59,23 +59,20 @@ class Run:
 
 
 RUNS = (
-    Run("single_8", 0.5, ((8, 0),), (3.0,), (1, 2, 3)),
-    Run("single_10", 0.3, ((10, 0),), (4.0,), (2, 4)),
-    Run("single_20deg", 0.2, ((7.87, 0),), (3.0,), (1, 2, 3)),
-    Run("single_30deg", 1.0, ((11.5, 0),), (3.0,), (1, 2, 3)),
-    Run("single_10deg", 0.5, ((4, 0),), (5.0,), (1, 3, 5)),
-    Run("pair_7.5", 0.5, ((-3.75, 0), (3.75, 0)), (2.0, 2.0), (1, 2)),
-    Run("pair_8.5_off5", 0.5, ((5, 4.25),), (2.0,), (1, 2)),
-    Run("pair_10", 0.3, ((-5, 0), (5, 0)), (4.0, 4.0), (2, 4)),
-    Run("pair_9_meridian", 0.5, ((6, 0), (-3, 0)), (3.0, 3.0), (1.5, 3)),
-    Run("pair_7.5_uneven", 0.5, ((-3.75, 0), (3.75, 0)), (3.0, 1.5), (1.5, 3)),
-    Run("triple_8", 0.5, ((4.62, 0), (-2.31, 4)), (3.0, 3.0), (1.5, 3)),
-    Run("triple_7.5_off5", 0.5, ((9.2, 0), (2.7, 3.75)), (2.0, 2.0), (1, 2)),
-    Run("across_5", 0.5, ((5, 0),), (1.5,), (1.5, 1.8, 2.3), direction=(0.0, 1.0)),
+    Run("rub_single8", 0.5, ((8, 0),), (3.0,), (1, 2, 3)),
+    Run("rub_single10", 0.5, ((4, 0),), (5.0,), (1, 3, 5)),
+    Run("rub_single10m3", 0.3, ((10, 0),), (4.0,), (2, 4)),
+    Run("rub_single20", 0.2, ((7.87, 0),), (3.0,), (1, 2, 3)),
+    Run("rub_single30", 1.0, ((11.5, 0),), (3.0,), (1, 2, 3)),
+    Run("rub_pair7.5", 0.5, ((-3.75, 0), (3.75, 0)), (2.0, 2.0), (1, 2)),
+    Run("rub_pairoff", 0.5, ((5, 4.25),), (2.0,), (1, 2)),
+    Run("rub_pair10m3", 0.3, ((-5, 0), (5, 0)), (4.0, 4.0), (2, 4)),
+    Run("rub_unequal", 0.5, ((6, 0), (-3, 0)), (3.0, 3.0), (1.5, 3)),
+    Run("rub_uneven", 0.5, ((-3.75, 0), (3.75, 0)), (3.0, 1.5), (3,)),
+    Run("rub_triple", 0.5, ((4.62, 0), (-2.31, 4)), (3.0, 3.0), (1.5, 3)),
+    Run("rub_tripleoff", 0.5, ((9.2, 0), (2.7, 3.75)), (2.0, 2.0), (1, 2)),
     Run("back_5", 0.8, ((5, 0),), (1.5,), (1.8, 2.3), direction=(-1.0, 0.0)),
     Run("sharp_5", 0.6, ((5, 0),), (1.5,), (1, 1.5, 2.0), radius=1.5),
-    Run("blunt_5", 0.6, ((5, 0),), (2.0,), (1, 2, 2.5), radius=4.0),
-    Run("plate", 0.5, ((0, 0),), (2.0,), (2, 2.4, 3), radius=math.inf),
 )
 
 
@@ -140,11 +137,11 @@ def normals(field: SpatialField, directions: Array) -> Array:
         at = along / np.linalg.norm(along, axis=1, keepdims=True)
         return np.asarray(inner * at + field.inner(at))
 
-    sides = [
+    one, other = (
         place(directions + _TURN_RAD * axis) - place(directions - _TURN_RAD * axis)
         for axis in (e, np.cross(directions, e))
-    ]
-    out = np.cross(*sides)
+    )
+    out = np.cross(one, other)
     return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
 
 
