@@ -113,7 +113,7 @@ def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned
         ),
         ({"sensor": "known"}, "use --sensor tactip-127 --test reference"),
         ({"test": TestOptions(parameters={"ofset": "1"})}, "did you mean 'offset'?"),
-        ({"test": TestOptions(parameters={"offset": "x"})}, "must be a number"),
+        ({"test": TestOptions(parameters={"offset": "x"})}, "must be a finite number"),
         (
             {"test": TestOptions(parameters={"offset": "0"})},
             "--test sensor.offset=0 is what the training frames are made with already",
