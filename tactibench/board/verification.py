@@ -72,7 +72,7 @@ from tactibench.run import (
 
 TOLERANCE = 1e-6
 """Relative tolerance; another processor or version of numpy sums in another order."""
-FROM_SENSOR = (BOUND, LIMIT)
+FROM_SENSOR = (BOUND, "std_over_bound", LIMIT)
 """Metrics of answers and of the noise of the sensor that the run had. A later version of a
 simulator has another noise: they are the word of the record until somebody reproduces the row."""
 NEGLIGIBLE_MM = 1e-6
