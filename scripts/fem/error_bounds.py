@@ -310,8 +310,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure the error bounds of the simulated dome.")
     parser.add_argument("out", type=output_file)
     given = parser.parse_args()
-    others, instances = (read_file(DATA / f"{name}.npz") for name in ("other_tips", "instances"))
-    scenes = (*reference_scenes(), *reference_scenes(others))
+    spacings, others, instances = (
+        read_file(DATA / f"{name}.npz") for name in ("spacings", "other_tips", "instances")
+    )
+    scenes = (*reference_scenes(), *reference_scenes(spacings), *reference_scenes(others))
     write_file(given.out, lambda: write(given.out, measured(scenes, instances)))
 
 

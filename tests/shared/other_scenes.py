@@ -1,4 +1,4 @@
-"""Finite-element scenes that made no table: other radii, other domes."""
+"""Finite-element scenes that made no table: other radii and spacings, other domes."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from tactibench_sim import Tips, read_file, reference_scenes
 
 FOLDER = Path(__file__).resolve().parents[1] / "sim" / "data"
 INSTANCES = read_file(FOLDER / "instances.npz")
+SPACINGS = reference_scenes(read_file(FOLDER / "spacings.npz"))
 OTHER_TIPS = reference_scenes(read_file(FOLDER / "other_tips.npz"))
 
 

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from error_bounds import Fit, by_contacts, measure, measured
-from other_scenes import INSTANCES, OTHER_TIPS
+from other_scenes import INSTANCES, OTHER_TIPS, SPACINGS
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.protocols import draw_scenes, protocol_files, read_protocol
@@ -34,7 +34,7 @@ from tactibench_sim import (
 pytestmark = pytest.mark.long
 
 SCENES = reference_scenes()
-EVERY = (*SCENES, *OTHER_TIPS)
+EVERY = (*SCENES, *SPACINGS, *OTHER_TIPS)
 BOUNDS = shipped_bounds()
 SINGLE, DUAL = Indenter.single(), Indenter.dual(8.0)
 TRIPLE = Indenter.triple((0, 1, 0.5))
