@@ -21,7 +21,6 @@ from .error_bounds import BEYOND as BEYOND
 from .error_bounds import FRICTION_TERMS as FRICTION_TERMS
 from .error_bounds import LEVER_MM as LEVER_MM
 from .error_bounds import MISSED_MM as MISSED_MM
-from .error_bounds import RADIUS_MM as RADIUS_MM
 from .error_bounds import Bounds as Bounds
 from .error_bounds import Envelope as Envelope
 from .error_bounds import angle_between as angle_between
@@ -98,6 +97,7 @@ from .sensor import BATCH as BATCH
 from .sensor import SimulatedSensor as SimulatedSensor
 from .sensor import prefetch as prefetch
 from .tables import LARGEST_MM as LARGEST_MM
+from .tables import RADIUS_MM as RADIUS_MM
 from .tables import SMALLEST_MM as SMALLEST_MM
 from .tables import Corrections as Corrections
 from .tables import Table as Table

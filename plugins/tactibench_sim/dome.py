@@ -39,7 +39,15 @@ from tactibench_sim.kernels import (
     displace,
     push_aside,
 )
-from tactibench_sim.tables import LARGEST_MM, SMALLEST_MM, Corrections, Table, Tables, tip_tables
+from tactibench_sim.tables import (
+    LARGEST_MM,
+    RADIUS_MM,
+    SMALLEST_MM,
+    Corrections,
+    Table,
+    Tables,
+    tip_tables,
+)
 
 TIERS = ("coupled", "superpose")
 RIM_PER_MM = 0.12
@@ -49,8 +57,6 @@ mm 40 deg from the apex is 1 % above that at the apex 1 mm deep and 4 % 6 mm dee
 _CLAMP_RAD, _LINE = np.radians(88.0), 4
 """Nearer to the clamp the tabulated turn is that of an element at its edge, twice as large. Pins so
 far from a contact beside the apex are not at the clamp: finite elements turn them less."""
-RADIUS_MM = 3.0
-"""Radius of the nominal tip."""
 NEAR_RATIO = 1.1
 """Ratio of radii over which the nominal tip's tables pass into those of other tips."""
 _KEPT = 16

@@ -38,12 +38,11 @@ import numpy.typing as npt
 
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.contact import Tips
+from tactibench_sim.tables import RADIUS_MM
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 FILE = "error_bounds.json"
-RADIUS_MM = 3.0
-"""Radius of the tips of the nominal reference scenes."""
 LEVER_MM = 1.0
 """Length of the pins for which the bound of tips is measured; those of the presets are shorter."""
 FRICTION_TERMS = slice(6, None)
@@ -169,7 +168,7 @@ def envelope_terms(tips: Tips) -> Array:
     apex, d >= d' those of a pair and m the angle of the pair's middle from the apex, they are
 
         sqrt d_1,   d_1,   max d^3 sin(b)^4,   d_2,   d_2^2,   sum over pairs of sin(m)^2 d d',
-        mu w,   mu w d_2
+        sqrt(mu w),   mu w
 
     with mu the coefficient of friction and w = max d tan(b) the way over the skin. The first two
     are what every field is off by, the third what the rim does to the turn of the normals, the next
@@ -191,7 +190,7 @@ def envelope_terms(tips: Tips) -> Array:
     slope = np.hypot(n[..., 0], n[..., 1]) / np.maximum(n[..., 2], np.finfo(float).tiny)
     way = (depth * slope).max(axis=1)
     rub = way * (0.0 if tips.friction is None else tips.friction)
-    return np.stack([*smooth, rub, rub * second], axis=1)
+    return np.stack([*smooth, np.sqrt(rub), rub], axis=1)
 
 
 def missed_depths(mechanics: Any, tips: Tips) -> Array:

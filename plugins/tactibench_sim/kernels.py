@@ -634,8 +634,8 @@ def push_aside(
 ) -> Array:
     """Return (S, K, 3) mm: how far the normal loads of the others move the skin under each tip.
 
-    It is the motion along the skin, by T of the others and by C of the pairs that the tip is part
-    of. O and the pairs of others change it by less than 0.002 mm.
+    It is the motion along the skin, by T of the others and by C of all pairs. O is left out: it
+    changes pins by less than 0.002 mm.
 
     Args:
         skin: Fields of the outer skin.

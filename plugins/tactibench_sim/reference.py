@@ -14,11 +14,6 @@ Isolated tips (names s20_...: 20 deg from the apex) come from the runs from whic
 corrections for the rim were made: they tell how well a tier keeps these runs, not how well it
 predicts others.
 
-The runs kept pins at other places than those of the sensors. So a sensor's pins move as by the
-tables plus what the tables lack at the runs' pins, interpolated by a thin-plate spline. The
-interpolation is off by 0.0006 mm in the median, 0.014 mm for 99 % of the pins and 0.036 mm at most
-(127 pins of the runs, from their 331 others).
-
 The runs have their own error. A single contact at the apex, computed with the same elements of
 1.2 mm edge, differs from the axisymmetric table (elements of 0.08 mm) by at most 0.011 mm at 3 mm
 depth and 0.025 mm at 6 mm, by 0.004 and 0.009 mm in the median. The meshes of the runs, 1 mm at the
@@ -37,23 +32,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RBFInterpolator
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.contact import Tips
 from tactibench_sim.sensor import SimulatedSensor
-from tactibench_sim.tables import TableFile, shipped_file
+from tactibench_sim.tables import RADIUS_MM, TableFile, shipped_file
 from tactibench_sim.tactip import SimulatedTacTip, TacTip127, TacTip331
 
 Array = npt.NDArray[np.float64]
 FILE = "scenes.npz"
-RADIUS_MM = 3.0
-"""Radius of the tips of FILE."""
 STEP_MM = 0.25e-3
 """Displacements are rounded to this, to fit 16 bits up to 8 mm."""
 STEP_NORMAL = 1e-4
 """Normals are rounded to this, to fit 16 bits."""
+_SAME = 1e-9  # by which the cosine of equal directions may be off
 NAMES = {1: "single", 2: "dual", 3: "triple"}
 _ALONG_NORMAL = re.compile(r"(s\d+)_[\d.]+")
 """Scenes s20_1, s20_2 ... are one tip that moves along the skin's normal."""
@@ -224,32 +217,19 @@ class Reference331(ReferenceTacTip):
 def reference_tips(sensor: SimulatedTacTip, scene: ReferenceScene) -> Array:
     """Return the (P, 3) tips of a sensor's pins in a reference scene, from the centre, mm.
 
-    Args:
-        sensor: A sensor without friction.
-        scene: The scene.
+    Raises:
+        UserError: The sensor has pins where the scene has none.
     """
-    pins, run = sensor.directions, scene.directions
-    loads, length = sensor.mechanics.loads(scene.as_tips), sensor.pin_length
-    solved = sensor.mechanics.inner * run + scene.displacement - length * scene.normals
-    lacking = solved - sensor.mechanics.pin_tips(loads, run, length)[0]
-    tips: Array = sensor.mechanics.pin_tips(loads, pins, length)[0]
-    tips += _spline(run.tobytes(), pins.tobytes()) @ lacking
+    along = sensor.directions @ scene.directions.T
+    pin = along.argmax(axis=1)
+    if (along[np.arange(len(pin)), pin] < 1 - _SAME).any():
+        raise UserError(
+            "the sensor has pins where the reference scenes have none; take tactip-127 or "
+            "tactip-331."
+        )
+    base = sensor.mechanics.inner * scene.directions[pin] + scene.displacement[pin]
+    tips: Array = base - sensor.pin_length * scene.normals[pin]
     return tips
-
-
-@cache
-def _spline(known: bytes, asked: bytes) -> Array:
-    """Return the (Q, P) weights that interpolate values at P directions to Q others.
-
-    Args:
-        known: (P, 3) directions, as bytes; the two patterns share their centre pin.
-        asked: (Q, 3) directions, likewise.
-    """
-    run, pins = (np.frombuffer(each).reshape(-1, 3) for each in (known, asked))
-    first = np.unique(run, axis=0, return_index=True)[1]
-    weights = np.zeros((len(pins), len(run)))
-    weights[:, first] = RBFInterpolator(run[first], np.eye(len(first)))(pins)
-    return weights
 
 
 def scene_of(reference: ReferenceScene) -> Scene:

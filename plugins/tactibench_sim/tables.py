@@ -47,6 +47,8 @@ from tactibench_sim.kernels import Around, Modes, Pairs
 Array = npt.NDArray[np.float64]
 SIX = 6  # displacement and turn of the normal, along three axes
 QUANTITIES = ("w", "t", "omega", "w_outer", "t_outer", "force")
+RADIUS_MM = 3.0
+"""Radius of the nominal tip, which has tables of its own."""
 SMALLEST_MM, LARGEST_MM = 1.0, 8.0
 """Radii of the tips of which tables ship; scripts make no smaller ones."""
 DEEPEST_MM, DEEPEST_RADII = 4.0, 1.5

@@ -222,19 +222,19 @@ def with_friction(envelopes: Sequence[Envelope], scenes: Measured) -> Sequence[E
         envelopes: Envelopes of frictionless scenes.
         scenes: Scenes of the nominal tip with friction.
     """
-    smooth = Bounds(tuple(envelopes), np.zeros(2))
-    parts = {}
-    for column, (name, length) in enumerate((("base", 0.0), ("tip", LEVER_MM))):
-        errors = scenes.errors[:, column]
-        off = (errors - TYPICAL * smooth.bound(scenes.tips, length)).clip(0.0)
-        rubbing = Fit(envelope_terms(scenes.tips)[:, FRICTION_TERMS], off, errors)
-        parts[name] = rubbing.factor(scenes.families) * rubbing.coefficients()
+    smooth, parts = Bounds(tuple(envelopes), np.zeros(2)), {}
+    for fewest, group in by_contacts(scenes):
+        for column, (name, length) in enumerate((("base", 0.0), ("tip", LEVER_MM))):
+            errors = group.errors[:, column]
+            off = (errors - TYPICAL * smooth.bound(group.tips, length)).clip(0.0)
+            rubbing = Fit(envelope_terms(group.tips)[:, FRICTION_TERMS], off, errors)
+            parts[fewest, name] = rubbing.factor(group.families) * rubbing.coefficients()
     out = []
     for envelope in envelopes:
         share = 1.0 if envelope.smallest == envelope.largest else BEYOND
-        added = {name: getattr(envelope, name).copy() for name in parts}
+        added = {name: getattr(envelope, name).copy() for name in ("base", "tip")}
         for name, coefficients in added.items():
-            coefficients[FRICTION_TERMS] = share * parts[name]
+            coefficients[FRICTION_TERMS] = share * parts[envelope.fewest, name]
         out.append(replace(envelope, **added))
     return out
 

@@ -109,7 +109,8 @@ class Verdict:
         path: File of the record.
         record: The record.
         frames: Number of test frames.
-        again: Rows of metrics that were computed anew and equal the stated ones.
+        again: Rows of metrics that were computed anew and equal the stated ones; of FROM_SENSOR
+            they may differ.
     """
 
     path: Path
