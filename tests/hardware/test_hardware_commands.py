@@ -204,22 +204,23 @@ def test_a_rehearsal_goes_the_whole_way(
     dataset = open_dataset(data)
     assert dataset.header.sensor["origin"] == "simulated"
     touches = [event["z0_mm"] for event in dataset.events if event["kind"] == "touch"]
-    # A touch is seen once it moves the pins, 0.05 mm below the first contact.
-    assert touches == pytest.approx([HIGHER_MM] * 2, abs=0.06)
+    # A touch is seen once it moves the pins, 0.03 to 0.06 mm below the first contact.
+    assert touches == pytest.approx([HIGHER_MM] * 2, abs=0.1)
 
 
 @pytest.mark.long
 def test_a_rehearsed_calibration_finds_the_sensor(
     lab: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Which noise a frame has depends on the clock: 18 runs scattered by 0.035 mm and 0.1 deg."""
     assert call(["hw", "calibrate", "--config", str(lab), "--emulate", "--points", "4"]) == 0
     said = capsys.readouterr().out
     x, y, yaw = (float(text) for text in re.findall(r"-?[\d.]+", said.splitlines()[0])[:3])
-    assert (x, y) == pytest.approx(OFFSET[:2], abs=0.05)
+    assert (x, y) == pytest.approx(OFFSET[:2], abs=0.18)  # 5 times the scatter
     assert yaw == pytest.approx(OFFSET[2], abs=1.0)
     height = re.search(r"first touch at z ([+-][\d.]+)", said)
     assert height is not None
-    assert float(height[1]) == pytest.approx(HIGHER_MM, abs=0.05)
+    assert float(height[1]) == pytest.approx(HIGHER_MM, abs=0.1)
 
 
 @pytest.mark.long
