@@ -228,8 +228,7 @@ def reference_tips(sensor: SimulatedTacTip, scene: ReferenceScene) -> Array:
             "tactip-331."
         )
     base = sensor.mechanics.inner * scene.directions[pin] + scene.displacement[pin]
-    tips: Array = base - sensor.pin_length * scene.normals[pin]
-    return tips
+    return np.asarray(base - sensor.pin_length * scene.normals[pin])
 
 
 def scene_of(reference: ReferenceScene) -> Scene:
