@@ -1,8 +1,8 @@
 #!/usr/bin/env python
-"""Draw the README's picture and write its table, from the committed records.
+"""Draw the README's picture and write its tables, from the committed records.
 
-python scripts/draw_readme.py            # docs/images/instances.png and the table of README.md
-python scripts/draw_readme.py --check    # exit code 1 when the table is not what they give
+python scripts/draw_readme.py            # docs/images/instances.png and the tables of README.md
+python scripts/draw_readme.py --check    # exit code 1 when a table is not what they give
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ import click
 
 from tactibench.board import OverviewLine, model_text, overview, read_submissions
 from tactibench.protocols import load_protocol, overview_spec, shipped_files
-from tactibench.report import overview_table, table_lines
+from tactibench.report import overview_table, real_page, table_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "README.md", ROOT / "docs" / "images" / "instances.png"
 BOARD = ROOT / "leaderboards"
-BEGIN, END = "<!-- table: python scripts/draw_readme.py -->", "<!-- end of table -->"
+REAL = "<!-- real sensors: python scripts/draw_readme.py -->"
+SIMULATED, END = "<!-- table: python scripts/draw_readme.py -->", "<!-- end of table -->"
 SHOWN_SETTINGS = frozenset({"recipe", "faults"})
 """Settings of a model that the README shows beside the defaults: the recipe of the paper, and the
 training under faults, whose mean error on unseen sensors is smaller than that of the default."""
@@ -92,35 +93,42 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
 
 
 def page_with(text: str, lines: Sequence[OverviewLine]) -> str:
-    """Return the page with the table between its marks.
+    """Return the page with its tables between their marks.
 
     Args:
         text: Text of the page.
-        lines: Lines of the table.
+        lines: Lines of the table of simulated sensors.
 
     Raises:
-        ValueError: The page lacks one of the two marks.
+        ValueError: The page lacks a mark.
     """
-    begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
-    rows = "\n".join(table_lines(overview_table(lines, interval=False, regime=False)))
-    return f"{text[:begin]}\n\n{rows}\n\n{text[end:]}"
+    records = {name: read_submissions(BOARD, name) for name in shipped_files()}
+    tables = {
+        REAL: real_page(records).tables[0],
+        SIMULATED: overview_table(lines, interval=False, regime=False),
+    }
+    for mark, shown in tables.items():
+        begin = text.index(mark) + len(mark)
+        end = text.index(END, begin)
+        text = "\n\n".join([text[:begin], "\n".join(table_lines(shown)), text[end:]])
+    return text
 
 
 @click.command()
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 when the table is out of date.")
 @click.pass_context
 def main(ctx: click.Context, check: bool) -> None:
-    """Draw the README's picture and write its table."""
+    """Draw the README's picture and write its tables."""
     lines = read_lines()
     text = PAGE.read_text(encoding="utf-8")
     wanted = page_with(text, lines)
     if check:
         same = wanted == text
-        click.echo("the table is what the records give" if same else "the table is out of date")
+        click.echo("the tables are what the records give" if same else "a table is out of date")
         ctx.exit(not same)
     PAGE.write_text(wanted, encoding="utf-8")
     draw(lines, PICTURE)
-    click.echo(f"wrote the table of {PAGE.name} and {PICTURE.relative_to(ROOT)}")
+    click.echo(f"wrote the tables of {PAGE.name} and {PICTURE.relative_to(ROOT)}")
 
 
 if __name__ == "__main__":

@@ -29,6 +29,12 @@ from .ranking import Ranks as Ranks
 from .ranking import ordered as ordered
 from .ranking import ranking_error as ranking_error
 from .ranking import ranks as ranks
+from .real_recordings import GUESS as GUESS
+from .real_recordings import Agreement as Agreement
+from .real_recordings import RealTest as RealTest
+from .real_recordings import agreement as agreement
+from .real_recordings import real_tests as real_tests
+from .real_recordings import simulated_order as simulated_order
 from .reproduction import ReproducedMetric as ReproducedMetric
 from .reproduction import ReproducedRun as ReproducedRun
 from .reproduction import note_reproduction as note_reproduction

@@ -6,6 +6,7 @@ from .boards import Column as Column
 from .boards import PublishedRow as PublishedRow
 from .boards import PublishedTable as PublishedTable
 from .boards import Ranking as Ranking
+from .boards import RealLine as RealLine
 from .boards import ReleasedAnswers as ReleasedAnswers
 from .boards import RunTable as RunTable
 from .boards import board_spec as board_spec
@@ -15,6 +16,7 @@ from .boards import published_for as published_for
 from .boards import published_means as published_means
 from .boards import published_names as published_names
 from .boards import read_board_spec as read_board_spec
+from .boards import real_spec as real_spec
 from .boards import rows_for as rows_for
 from .draws import CHUNK as CHUNK
 from .draws import FIT as FIT

@@ -27,6 +27,8 @@ COMMON = f"common{SUFFIX}"
 """File beside the protocols of tactibench, with tables that several of them show."""
 OVERVIEW = f"overview{SUFFIX}"
 """File beside the protocols of tactibench, with the table over several boards."""
+REAL = f"real{SUFFIX}"
+"""File beside the protocols of tactibench, with the page of real recordings."""
 
 Text = Annotated[str, Field(min_length=1)]
 Decimals = Annotated[int, Field(ge=0, le=9)]
@@ -200,6 +202,34 @@ class OverviewSpec(_Frozen):
     columns: Annotated[tuple[OverviewColumn, ...], Field(min_length=1)]
 
 
+class RealLine(Ranking):
+    """A line of the page of real recordings: an error on each recording of a protocol.
+
+    Attributes:
+        protocol: Id of the protocol.
+    """
+
+    protocol: Text
+
+
+class RealSpec(_Frozen):
+    """The page of real recordings.
+
+    Attributes:
+        simulated: Protocol of the simulated boards whose order of models is compared.
+        note: Explanation of the tables of errors.
+        tau_note: Explanation of the comparison with simulated boards.
+        names: First eight digits of the sha256 of a recording -> its name.
+        lines: The errors that are shown, in the order of the lines.
+    """
+
+    simulated: Text
+    note: Text
+    tau_note: Text
+    names: Mapping[str, Text]
+    lines: tuple[RealLine, ...]
+
+
 class _Common(_Frozen):
     blocks: dict[str, Block]
 
@@ -246,6 +276,12 @@ def read_board_spec(protocol_file: Path) -> BoardSpec:
 def overview_spec() -> OverviewSpec:
     """Return what the table over several boards shows."""
     return _read(shipped_folder("protocols") / OVERVIEW, OverviewSpec)
+
+
+@cache
+def real_spec() -> RealSpec:
+    """Return what the page of real recordings shows."""
+    return _read(shipped_folder("protocols") / REAL, RealSpec)
 
 
 def _common_blocks() -> dict[str, Block]:

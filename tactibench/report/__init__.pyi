@@ -52,6 +52,8 @@ from .progress import INTERVAL_S as INTERVAL_S
 from .progress import ProgressBars as ProgressBars
 from .progress import ProgressLines as ProgressLines
 from .progress import progress_on as progress_on
+from .real_page import RealPage as RealPage
+from .real_page import real_page as real_page
 from .run_pictures import RunArrays as RunArrays
 from .run_pictures import draw_pictures as draw_pictures
 from .run_pictures import update_pictures as update_pictures

@@ -62,6 +62,7 @@ from tactibench.report.board_tables import (
     published_table,
 )
 from tactibench.report.pages import render
+from tactibench.report.real_page import real_page
 from tactibench.report.run_view import error_line
 from tactibench.report.tables import Table
 from tactibench.shipped import shipped_folder
@@ -192,7 +193,7 @@ def page_files(board: Path) -> list[PageFile]:
         UserError: There is no board, or it holds records of an unknown protocol.
     """
     check_folder(board)
-    names = protocol_files()
+    names, trained = protocol_files(), {}
     for name in committed_protocols(board):
         if name not in names:
             raise UserError(
@@ -205,6 +206,10 @@ def page_files(board: Path) -> list[PageFile]:
         if records or path.is_file():  # a laboratory shows its own protocols, not all that ship
             page = committed_page(load_protocol(name), board, records)
             pages.append(PageFile(path, page.markdown(), len(records)))
+            trained[name] = records
+    real = real_page(trained)
+    if real.tables:
+        pages.append(PageFile(board / "real.md", real.markdown(), real.records))
     return pages
 
 

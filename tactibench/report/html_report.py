@@ -52,6 +52,7 @@ from tactibench.report.board_pages import (
     published_folder,
 )
 from tactibench.report.board_tables import overview_table
+from tactibench.report.real_page import real_page
 from tactibench.report.curve_plots import by_distance, distance_figure, stability_figure
 from tactibench.report.frame_plots import contacts_figure
 from tactibench.report.pages import asset, render
@@ -292,9 +293,10 @@ def _rendered(
     """
     script = asset("page.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    overall = None
+    overall, real = None, None
     if address is not None:
-        lines = overview({board.name: board.records for board in data.boards})
+        records = {board.name: board.records for board in data.boards}
+        lines, real = overview(records), real_page(records)
         lead = overview_spec().protocol
         overall = overview_table(lines, link=lambda anchor: address(lead, anchor))
     return render(
@@ -308,6 +310,7 @@ def _rendered(
         script=script,
         policy=POLICY.format(f"sha256-{digest}"),
         overall=overall,
+        real=real,
         glance=address is not None,
         reading=READING,
     )

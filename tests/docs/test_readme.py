@@ -38,7 +38,7 @@ def test_the_picture_is_drawn(drawing: Any, tmp_path: Path) -> None:
 
 def test_the_page_is_short_and_its_sentences_are_plain() -> None:
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 120
+    assert sum(not line.startswith("|") for line in lines) <= 100  # rows of tables are figures
     fenced = False
     for line in lines:
         fenced ^= line.startswith("```")

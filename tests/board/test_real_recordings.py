@@ -1,0 +1,94 @@
+"""Real recordings on one page: shares of guessing, names, and the order of simulated boards."""
+
+from __future__ import annotations
+
+import pytest
+
+from tactibench.board import Agreement, agreement, real_tests, simulated_order
+from tactibench.report import real_page
+
+
+def on_recording(fabricate, model, error, sha256="ab" * 32, sensor="", **more):
+    record = fabricate("surface", model, regime="recorded", origin="real", error=error, **more)
+    record.sensor.recording = type(record.sensor).model_fields["recording"].annotation.__args__[0](
+        label="my folder", sha256=sha256, sensor=sensor
+    )
+    record.identity.data = [sha256]
+    return record
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "tau"),
+    [
+        ("abcd", "abcd", 1.0),
+        ("abcd", "dcba", -1.0),
+        ("abcd", "abdc", 2 / 3),  # five of six pairs in one order, one in the other
+        ("abcd", "badc", 1 / 3),
+        ("abcde", "xbacd", 2 / 3),  # over the four that both have
+        ("abc", "abc", None),
+    ],
+)
+def test_tau_counts_pairs_in_the_same_order(one, other, tau):
+    places = [{name: float(k) for k, name in enumerate(order)} for order in (one, other)]
+    found = agreement(*places)
+    if tau is None:
+        assert found is None
+    else:
+        assert found == Agreement(pytest.approx(tau), len(set(one) & set(other)))
+
+
+def test_a_value_is_a_share_of_guessing(fabricate):
+    records = [
+        on_recording(fabricate, "mean", 0.8),
+        *(on_recording(fabricate, "pins", error, seed=k) for k, error in enumerate((0.1, 0.3))),
+    ]
+    (test,) = real_tests({"surface": records})
+    assert test.recording == "my folder"
+    assert test.share("pins") == pytest.approx(0.25)
+    assert test.share("mean") == 1.0
+    assert test.share("cnn") is None
+    assert test.order == {"pins": pytest.approx(0.2)}
+
+
+def test_without_a_guess_there_is_no_share(fabricate):
+    (test,) = real_tests({"surface": [on_recording(fabricate, "pins", 0.1)]})
+    assert test.share("pins") is None
+    (errors,) = real_page({"surface": [on_recording(fabricate, "pins", 0.1)]}).tables
+    assert [*map(str, errors.rows[0])][-1] == "0.1000 mm"
+
+
+def test_a_recording_is_called_by_its_sensor_or_by_the_name_that_is_known(fabricate):
+    names = {"": "my folder", "eFlesh": "eFlesh"}
+    for sensor, name in names.items():
+        record = on_recording(fabricate, "pins", 0.1, sensor=sensor)
+        assert real_tests({"surface": [record]})[0].recording == name
+    record = on_recording(fabricate, "pins", 0.1, sha256="4bfc6b93" + 56 * "0")
+    assert "331 pins" in real_tests({"surface": [record]})[0].recording
+
+
+def test_rows_at_other_settings_and_of_simulated_sensors_stay_away(fabricate):
+    records = [
+        on_recording(fabricate, "pins", 0.1),
+        on_recording(fabricate, "pins", 0.01, settings={"width": 8}),
+        fabricate("surface", "cnn", error=0.01),
+    ]
+    (test,) = real_tests({"surface": records})
+    assert test.order == {"pins": 0.1}
+
+
+def test_the_page_says_whether_simulated_boards_predict_the_order(fabricate):
+    models = ("pins", "kernel", "cnn", "vgnn")
+    real = [on_recording(fabricate, m, 0.1 + k) for k, m in enumerate(models)]
+    simulated = [
+        fabricate("exp1", m, error=1.0 - k, metrics=(("gospa1_mm", "unseen", 0.1 + k),))
+        for k, m in enumerate(models, start=-3)
+    ]
+    assert simulated_order(simulated, "all") == {m: 4.0 - k for k, m in enumerate(models)}
+    page = real_page({"surface": real, "exp1": simulated})
+    assert [str(cell) for cell in page.tables[-1].rows[0][2:]] == ["4", "-1.00", "1.00"]
+    assert "# Real recordings" in page.markdown()
+    assert page.records == len(models)
+
+
+def test_without_real_recordings_there_is_no_page(fabricate):
+    assert real_page({"exp1": [fabricate("exp1", "pins")]}).tables == ()
