@@ -52,10 +52,10 @@ from tactibench.report.board_pages import (
     published_folder,
 )
 from tactibench.report.board_tables import overview_table
-from tactibench.report.real_page import real_page
 from tactibench.report.curve_plots import by_distance, distance_figure, stability_figure
 from tactibench.report.frame_plots import contacts_figure
 from tactibench.report.pages import asset, render
+from tactibench.report.real_page import real_page
 from tactibench.report.run_pictures import RunArrays
 from tactibench.report.style import CURVES, image_bytes
 from tactibench.report.tables import Table, plural

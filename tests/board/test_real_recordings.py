@@ -10,8 +10,10 @@ from tactibench.report import real_page
 
 def on_recording(fabricate, model, error, sha256="ab" * 32, sensor="", **more):
     record = fabricate("surface", model, regime="recorded", origin="real", error=error, **more)
-    record.sensor.recording = type(record.sensor).model_fields["recording"].annotation.__args__[0](
-        label="my folder", sha256=sha256, sensor=sensor
+    record.sensor.recording = (
+        type(record.sensor)
+        .model_fields["recording"]
+        .annotation.__args__[0](label="my folder", sha256=sha256, sensor=sensor)
     )
     record.identity.data = [sha256]
     return record
