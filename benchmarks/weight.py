@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (809, 11),
     "tactibench/board": (2091, 12),
     "tactibench/cli": (2109, 12),
-    "tactibench/datasets": (3359, 17),
+    "tactibench/datasets": (3611, 17),
     "tactibench/frames": (1816, 11),
     "tactibench/live": (409, 4),
     "tactibench/markers": (1743, 8),

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -234,6 +234,7 @@ def read_labels(
     *,
     name: str = "",
     columns: Sequence[str] | None = None,
+    others: Collection[str] = (),
 ) -> dict[str, Any]:
     """Return the fields of a recording that come from the labels of its table.
 
@@ -245,17 +246,19 @@ def read_labels(
         options: Names of columns, and the meaning of the labels.
         name: Column that names the frames.
         columns: Columns that must be numbers; None: all columns that are mostly numbers.
+        others: Columns that are no labels, such as channels.
 
     Raises:
         UserError: A column is missing, a cell is no number, or labels describe no scene that can
             be.
     """
+    others = {*others, *table.signals}
     if options.labels != AUTO:
-        columns = [table.column(text.strip()) for text in options.labels.split(",") if text]
+        columns = table.select(options.labels)
     elif columns is None:
-        others = {name, options.press, options.join}
-        mostly = (c for c in table.columns if table.numeric_share(c) >= _MOSTLY_NUMBERS)
-        columns = [column for column in mostly if column not in others]
+        no_labels = {name, options.press, options.join, *others}
+        may_be = (column for column in table.columns if column not in no_labels)
+        columns = [column for column in may_be if table.numeric_share(column) >= _MOSTLY_NUMBERS]
     indenter = choose_indenter(options, columns)
     needed, empty = tip_columns(options, indenter)  # read even where cells are no numbers
     columns = tuple(dict.fromkeys([*columns, *(c for c in table.columns if c in needed)]))
@@ -270,9 +273,9 @@ def read_labels(
         "presses": tuple(presses[row] for row in rows),
         "columns": {"name": name, **roles} if name else roles,
         "extra": {
-            column: tuple(table.cells[column].iloc[list(rows)])
+            column: tuple(map(str, table.cells[column].iloc[list(rows)]))
             for column in table.columns
-            if column not in {*columns, name}
+            if column not in {*columns, *others, name}
         },
         "dome_radius_mm": None if indenter == NONE else options.surface_radius_mm,
     }

@@ -23,6 +23,7 @@ from tactibench.datasets.options import (
     TIPS,
     ImportOptions,
     read_options,
+    stated_unit,
 )
 from tactibench.datasets.tables import FloatArray, Table, read_table
 from tactibench.datasets.vectors import read_label_table
@@ -43,7 +44,6 @@ _OTHER = {"pixel", "pixels", "force", "torque", "fx", "fy", "fz", "velocity", "t
 """Words of columns that hold something else than the place of the tip."""
 _PIXELS = {"px"}
 """Words that are a unit, unless the name begins with them: px, py are also places."""
-_UNITS = {**dict.fromkeys(MM_PER), "micron": "um", "microns": "um", "millimetre": "mm"}
 _TURNS = {"deg", "rad", "degree", "degrees", "radian", "radians"}
 _MAY_BE_NUMBER = {"spacing", "yaw"}
 """Roles for which one number may stand in place of a column."""
@@ -194,7 +194,7 @@ def _is_numeric(table: Table, name: str) -> bool:
 
     Empty cells do not count: a column of tips that seldom press is mostly empty.
     """
-    cells = [cell for cell in table.cells[name] if cell.strip()]
+    cells = [cell for cell in map(str, table.cells[name]) if cell.strip()]
     return bool(cells) and table.numeric_share(name) * len(table) >= 0.9 * len(cells)
 
 
@@ -211,10 +211,9 @@ def _columns_of(role: str, names: Sequence[str]) -> list[str]:
 def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
     """Guess units from names, or from values that are too small for mm or degrees."""
     places = named(options["x"]) + named(options["y"])
-    units = {u for n in places for u in _words(n)[1:] if u in _UNITS}
+    units = {unit for name in places if (unit := stated_unit(name)) in MM_PER}
     if units:
-        unit = sorted(units)[0]
-        options.setdefault("unit", _UNITS[unit] or unit)
+        options.setdefault("unit", str(sorted(units)[0]))
     elif "unit" not in options:
         largest = float(np.nanmax(np.abs(_values(table, places))))
         if largest < 0.1:  # 100 um across: no sensor of this kind is so small

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -16,14 +18,45 @@ AUTO = "auto"
 PLATE, SINGLE, DUAL, TRIPLE, TIPS, NONE = "plate", "single", "dual", "triple", "tips", "none"
 """Indenters behind labels: a plate, one spherical tip, two or three of them on a holder, a list of
 contacts, or none that is known."""
-MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
+MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4}
 """Unit of the columns of lengths -> mm."""
+DEG_PER = {"deg": 1.0, "rad": math.degrees(1.0)}
+"""Unit of the columns of angles -> degrees."""
+UNITS = {
+    **dict(zip(MM_PER, MM_PER, strict=True)),
+    **dict(zip(DEG_PER, DEG_PER, strict=True)),
+    **dict.fromkeys(("millimetre", "millimeter", "millimetres", "millimeters"), "mm"),
+    **dict.fromkeys(("centimetre", "centimeter", "centimetres", "centimeters"), "cm"),
+    **dict.fromkeys(("metre", "meter", "metres", "meters"), "m"),
+    **dict.fromkeys(("\u03bcm", "micron", "microns", "micrometre", "micrometer"), "um"),
+    **dict.fromkeys(("inch", "inches", '"'), "in"),
+    **dict.fromkeys(("degree", "degrees", "\u00b0"), "deg"),
+    **dict.fromkeys(("radian", "radians"), "rad"),
+    **dict.fromkeys(("n", "newton", "newtons"), "N"),
+    **dict.fromkeys(("px", "pixel", "pixels"), "px"),
+    **dict.fromkeys(("s", "sec", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "us", "ns", "v", "mv", "hz", "kpa", "pa", "ut", "mn"), "other"),
+}
+"""Words for units -> the unit; the two Unicode signs of micro count as one."""
 AS_IS, EVEN = "as_is", "even"
 """Ways to read frames: as they are, or as raw pictures of which pins are cut out and evenly lit."""
 REFUSE, SKIP = "refuse", "skip"
 """Ways to treat a row whose frame is no file."""
 
 _MM = {"low": -1000.0, "high": 1000.0}
+
+
+def unit_word(text: str) -> str | None:
+    """Return the unit that a word is, None where it is none."""
+    return UNITS.get(unicodedata.normalize("NFKC", text).strip().lower())
+
+
+def stated_unit(column: str) -> str | None:
+    """Return the unit that a column's name states, as in ``x [mm]``, ``x (mm)`` or ``tip_x_mm``."""
+    bracketed = re.findall(r"[\[({]\s*([^])}]*?)\s*[\])}]", column)
+    words = re.findall(r"[^\W\d_]+|\u00b0", column)
+    found = (unit_word(word) for word in [*bracketed[::-1], *words[:0:-1][:1]])
+    return next(filter(None, found), None)
 
 
 def _option(default: Any, text: str, **limits: Any) -> Any:
@@ -58,9 +91,16 @@ class ImportOptions:
         "", "columns that frames of one press share, by commas; default: every frame is a press"
     )
     channels: str = _option(
-        "", "file of the channels of a sensor without a camera: .csv, .npz or .npy"
+        "", "file of the channels of a sensor without a camera; it may hold the labels, too"
     )
-    channel_columns: str = _option("", "columns of the channels; default: all but the time")
+    channel_columns: str = _option(
+        "",
+        "columns of the channels, by commas: names, arrays, FIRST:LAST or ch*; default: all but "
+        "the time, the largest array",
+    )
+    before: str = _option(
+        "", "channels before every press, which are subtracted: columns, an array, or a file"
+    )
     join: str = _option(
         "", "column of a time in s that labels and channels share; default: they share their rows"
     )

@@ -1,14 +1,11 @@
-"""A folder of a sensor without a camera: one file of labels, one of channels.
+"""A folder of a sensor without a camera: labels and channels, in one table or in two.
 
-Both are CSV files, with or without a header line, or NumPy archives (.npz, .npy). Their rows belong
-together in order, or by a time that both have.
+Their rows belong together in order, or by a time that both have.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,23 +17,23 @@ from tactibench.datasets.formats import read_labels
 from tactibench.datasets.options import SKIP, ImportOptions
 from tactibench.datasets.recording import FloatArray, Recording
 from tactibench.datasets.schema import ChannelKind
-from tactibench.datasets.tables import Table, read_table
+from tactibench.datasets.tables import Table, is_table, read_table, shown
 from tactibench.errors import UserError
 from tactibench.png import read_file
 
 _SATURATED = 0.01
 """Share of the rows that may stand at a channel's largest or smallest value. A sensor that is not
 at its limit returns to one extreme number far more seldom."""
-_ARCHIVES = (".npz", ".npy")
 
 
 def read_vectors(folder: Path, options: ImportOptions) -> Recording:
     """Read labels and channels.
 
     Args:
-        folder: The folder of both files.
+        folder: The folder of both.
         options: Names of the files (``table``, ``channels``), the column that joins their rows
-            (``join``), and the meaning of the labels.
+            (``join``), the channels at rest that are subtracted (``before``), and the meaning of
+            the labels.
 
     Raises:
         UserError: A file is missing or damaged, the rows do not belong together, or a channel is
@@ -44,32 +41,46 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
     """
     channel_path = _inside(folder, options.channels)
     table, data = read_label_table(folder, options)
+    path = table.path
     channel_data = read_file(channel_path)
-    values, times, names = _read_channels(channel_path, channel_data, options)
+    source = table if path == channel_path else read_table(channel_path, channel_data)
+    names = _channel_columns(source, options, alone=source is not table)
+    values = _numbers(source, names)
+    used = set(names)
+    if options.before:
+        rest, columns = _rest_values(folder, source, options)
+        if rest.shape != values.shape:
+            raise UserError(
+                f"before={options.before} holds {rest.shape[0]:,} rows of {rest.shape[1]} channels "
+                f"at rest, but the channels are {values.shape[0]:,} of {values.shape[1]}; name the "
+                "channels before every press, in the same order."
+            )
+        values = values - rest
+        used |= columns
+    times = _times(source, options)
     rows, partners = _join(table, values, times, channel_path, options)
     frames = tuple(f"row-{row + 1:06d}" for row in range(len(table)))
-    partner_values = values[partners]
+    shape = source.shape(names)
+    signals = values[partners].astype(np.float32).reshape(-1, *shape)
     return Recording(
         format="channels",
-        generation=f"{table.path.name}, {channel_path.name}",
+        generation=", ".join(dict.fromkeys((path.name, channel_path.name))),
         folder=folder,
-        table=table.path,
+        table=path,
         paths=(),
         frames=channel_path,
-        stored=ChannelKind(values.shape[1:]),
+        stored=ChannelKind(shape),
         rest=None,
         sha256=hashlib.sha256(len(data).to_bytes(8, "little") + data + channel_data).hexdigest(),
-        notes=_notes(table, len(table) - len(rows), partner_values, names),
-        **read_labels(table, frames, rows, options),
-        values=partner_values,
-        signal_names=names,
+        notes=_notes(table, len(table) - len(rows), signals, names),
+        **read_labels(table, frames, rows, options, others=used if source is table else ()),
+        values=signals,
+        signal_names=() if source.arrays else names,
     )
 
 
 def read_label_table(folder: Path, options: ImportOptions) -> tuple[Table, bytes]:
     """Return the labels and the bytes of their file.
-
-    The one-dimensional arrays of an archive are its columns.
 
     Args:
         folder: The folder of labels and channels.
@@ -78,18 +89,9 @@ def read_label_table(folder: Path, options: ImportOptions) -> tuple[Table, bytes
     Raises:
         UserError: A file is missing or damaged, or several files may hold the labels.
     """
-    path = _label_file(folder, options.table, _inside(folder, options.channels))
+    path = _label_file(folder, options, _inside(folder, options.channels))
     data = read_file(path)
-    if path.suffix not in _ARCHIVES:
-        return read_table(path, data), data
-    columns = {name: array for name, array in _arrays(path, data).items() if array.ndim == 1}
-    lengths = {len(array) for array in columns.values()}
-    if len(lengths) != 1 or 0 in lengths:
-        raise UserError(
-            f"{path} holds no columns of labels; give one-dimensional arrays of one length above 0."
-        )
-    cells = {name: [repr(v) for v in array.tolist()] for name, array in columns.items()}
-    return Table(path, pd.DataFrame(cells, dtype=str)), data
+    return read_table(path, data), data
 
 
 def _inside(folder: Path, name: str) -> Path:
@@ -102,82 +104,79 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
-def _label_file(folder: Path, name: str, channels: Path) -> Path:
-    if name:
-        return _inside(folder, name)
-    others = sorted(path for path in folder.glob("*.csv") if path != channels)
+def _label_file(folder: Path, options: ImportOptions, channels: Path) -> Path:
+    if options.table:
+        return _inside(folder, options.table)
+    others = sorted(path for path in folder.iterdir() if is_table(path) and path != channels)
     if len(others) == 1:
         return others[0]
-    names = ", ".join(path.name for path in others) or "no other CSV file"
+    if not others:
+        return channels
     raise UserError(
-        f"{folder} holds {names} beside {channels.name}; name the file of the labels with "
-        "--param table=FILE."
+        f"{folder} holds {', '.join(path.name for path in others)} beside {channels.name}; name "
+        "the file of the labels with --param table=FILE."
     )
 
 
-def _arrays(path: Path, data: bytes) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the arrays of numbers in a NumPy file by their names; nothing is unpickled."""
-    try:
-        loaded = np.load(io.BytesIO(data), allow_pickle=False)
-        arrays = {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
-        return {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
-    except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise UserError(f"{path} holds no arrays of numbers: {reason}.") from None
+def _channel_columns(source: Table, options: ImportOptions, *, alone: bool) -> tuple[str, ...]:
+    """Return the columns of the channels; of arrays, the largest one holds them.
 
-
-def _read_channels(
-    path: Path, data: bytes, options: ImportOptions
-) -> tuple[npt.NDArray[np.float32], FloatArray | None, tuple[str, ...]]:
-    """Return channels (N, ...), the times of their rows where rows are joined by time, and names.
-
-    In an archive, the array with most numbers holds the channels.
+    Args:
+        source: The table with the channels.
+        options: Names of columns.
+        alone: Whether the table holds no labels.
     """
-    join = options.channels_time or options.join
-    names: tuple[str, ...] = ()
-    if path.suffix in _ARCHIVES:
-        arrays = _arrays(path, data)
-        signals = [array for name, array in arrays.items() if not join or name != join]
-        values = max(signals, key=lambda array: array.size, default=np.empty(0))
-        if options.join and join not in arrays:
-            raise UserError(f"{path} has no array {join!r}; it has {', '.join(arrays) or 'none'}.")
-        times = arrays[join] if options.join else None
-    else:
-        table = read_table(path, data)
-        times = table.numbers(table.column(join)) if options.join else None
-        chosen = [name.strip() for name in options.channel_columns.split(",") if name.strip()]
-        names = tuple(
-            table.column(name) for name in chosen or table.columns if chosen or name != join
-        )
-        columns = [table.numbers(name) for name in names]
-        values = np.column_stack(columns) if columns else np.empty(0)
-    if values.ndim < 2 or not values.size:
-        what = f"an array of shape {values.shape}" if values.size else "no channels"
-        raise UserError(f"{path} holds {what}; channels are (N, C).")
-    if times is not None and (times.shape != values.shape[:1] or not np.isfinite(times).all()):
+    time = options.channels_time or options.join
+    names: tuple[str, ...] = tuple(name for name in source.columns if name != time)
+    if options.channel_columns:
+        names = source.select(options.channel_columns)
+    elif source.arrays:
+        names = source.select(max(source.arrays, key=lambda name: np.prod(source.arrays[name])))
+    elif not alone:
         raise UserError(
-            f"{path}: the times {join!r}, of shape {times.shape}, must be one finite number for "
-            f"each of the {len(values):,} rows of channels; correct them."
+            f"{source.path} holds labels and channels; say which columns are the channels with "
+            f"--param channel_columns=FIRST:LAST; its columns are {shown(source.columns)}."
         )
-    _refuse_not_finite(path, values, names)
-    return values.astype(np.float32), times, names
+    if not names:
+        raise UserError(" ".join([f"{source.path} holds no channels.", *source.notes]))
+    return names
 
 
-def _refuse_not_finite(path: Path, values: FloatArray, names: Sequence[str]) -> None:
-    flat = values.reshape(len(values), -1)
-    bad = np.argwhere(~np.isfinite(flat.astype(np.float32)))
+def _numbers(source: Table, names: Sequence[str]) -> FloatArray:
+    """Return the (N, C) values of columns that are channels, which must be finite as float32."""
+    values = np.column_stack([source.numbers(name) for name in names])
+    bad = np.argwhere(~(np.abs(values) <= np.finfo(np.float32).max))
     if len(bad):
         row, column = bad[0].tolist()
-        name = names[column] if names else f"channel {column + 1}"
         raise UserError(
-            f"{path} row {row + 1}: {name} is {flat[row, column]:g}, but a channel must be a "
-            f"finite number ({len(bad)} such value{'s' if len(bad) > 1 else ''}); remove the rows."
+            f"{source.path} row {row + 1}: {names[column]} is {values[row, column]:g}, but a "
+            "channel must be a number of 32 bits; remove the row."
         )
+    return values
+
+
+def _rest_values(
+    folder: Path, source: Table, options: ImportOptions
+) -> tuple[FloatArray, set[str]]:
+    """Return the channels before every press, of columns or of a file, and their columns."""
+    if (folder / options.before).is_file():
+        path = _inside(folder, options.before)
+        source = read_table(path, read_file(path))
+        return _numbers(source, _channel_columns(source, ImportOptions(), alone=True)), set()
+    names = source.select(options.before)
+    return _numbers(source, names), set(names)
+
+
+def _times(source: Table, options: ImportOptions) -> FloatArray | None:
+    """Return the times of the channels' rows; None where rows are joined in order."""
+    if not options.join:
+        return None
+    return source.numbers(source.column(options.channels_time or options.join))
 
 
 def _join(
     table: Table,
-    values: npt.NDArray[np.float32],
+    values: FloatArray,
     times: FloatArray | None,
     path: Path,
     options: ImportOptions,
@@ -212,7 +211,7 @@ def _join(
 def _notes(
     table: Table, skipped: int, values: npt.NDArray[np.float32], names: Sequence[str]
 ) -> tuple[str, ...]:
-    notes = []
+    notes = list(table.notes)
     if not table.header:
         first, last = table.columns[0], table.columns[-1]
         notes.append(f"{table.path.name} has no header line; its columns are {first} to {last}.")
@@ -223,8 +222,9 @@ def _notes(
     constant = low == high
     at_limit = np.maximum((flat == low).mean(axis=0), (flat == high).mean(axis=0))
     saturated = ~constant & (at_limit > max(_SATURATED, 2.5 / len(flat)))
-    for column in np.flatnonzero(constant | saturated).tolist():
-        name = names[column] if names else f"channel {column + 1}"
-        stuck = f"stands at its limit in {at_limit[column]:.0%} of the rows"
-        notes.append(f"{name} {'never changes' if constant[column] else stuck}.")
+    for which, verb in ((constant, "never change"), (saturated, "stand at a limit in")):
+        if which.any():
+            channels = shown([names[at] for at in np.flatnonzero(which).tolist()], most=6)
+            share = f" up to {at_limit[which].max():.0%} of the rows" if which is saturated else ""
+            notes.append(f"{which.sum():,} of {len(names):,} channels {verb}{share}: {channels}.")
     return tuple(notes)

@@ -124,7 +124,7 @@ def mixed_commas(folder):
         (replace("-0.75", '"-0,75"'), ["row 3", "'-0,75'", "decimal commas", "';'"]),
         (unquoted_commas, ["saw 12", "decimal commas", "';'"]),
         (mixed_commas, ["row 3", "'-0,75'", "row 1", "'-0.25'", "one way"]),
-        (replace(",10.0,4", ""), ["row 5", "pose_6", "''"]),
+        (replace(",10.0,4", ""), ["cut off", "Expected 9", "line 6, saw 7"]),
         (replace("frame_1", "extra,extra,frame_1"), ["line 3, saw"]),
         (write(b"image_name,pose_2,pose_6\n"), ["no rows"]),
         (write(b"image_name,pose_2,pose_2\nframe_0_0.png,1,2\n"), ["two columns 'pose_2'"]),
