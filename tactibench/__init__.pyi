@@ -10,6 +10,7 @@ from .contacts import Indenter as Indenter
 from .contacts import PlatePose as PlatePose
 from .contacts import Pose as Pose
 from .contacts import Scene as Scene
+from .contacts import Sites as Sites
 from .contacts import Workspace as Workspace
 from .errors import UserError as UserError
 from .images import gray_frames as gray_frames

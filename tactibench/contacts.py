@@ -8,8 +8,9 @@ degrees. Depth is a tip's travel past its own first touch along -z.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import cast
 
 import numpy as np
@@ -110,7 +111,47 @@ class PlatePose:
     std: tuple[float, float] | None = None
 
 
-Answer = Contacts | PlatePose
+@dataclass(frozen=True)
+class Sites:
+    """The places that are touched, of a list of K places that have names.
+
+    Attributes:
+        names: Name of every place.
+        probability: Probability that each place is touched, 0..1.
+        touched: Whether each place is in the predicted set, or in the true one.
+
+    Raises:
+        ValueError: Lengths differ, or a probability lies outside 0..1 or is not finite.
+    """
+
+    names: tuple[str, ...]
+    probability: tuple[float, ...]
+    touched: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        if not len(self.names) == len(self.probability) == len(self.touched):
+            raise ValueError("names, probability and touched differ in length")
+        if not all(map(math.isfinite, self.probability)):
+            raise NotFiniteError("a probability is not finite")
+        if not all(0 <= value <= 1 for value in self.probability):
+            raise ValueError("a probability lies outside 0..1")
+
+    @classmethod
+    def truth(cls, names: Sequence[str], touched: Iterable[bool]) -> Sites:
+        """Return places of which it is known whether they are touched."""
+        known = tuple(map(bool, touched))
+        return cls(tuple(names), tuple(map(float, known)), known)
+
+    @property
+    def count(self) -> int:
+        """Number of touched places."""
+        return sum(self.touched)
+
+    def __str__(self) -> str:
+        return "+".join(compress(self.names, self.touched)) or "nothing"
+
+
+Answer = Contacts | PlatePose | Sites
 """A model's answer to one frame, or its truth."""
 
 
@@ -119,7 +160,7 @@ class Indenter:
     """Spherical tips on a rigid holder, or a plate.
 
     Attributes:
-        radius: Radius of every tip, mm; ``inf`` for a plate.
+        radius: Radius of every tip, mm; ``inf`` for a plate, NaN where it is not known.
         offsets: One (dx, dy, dz) per tip, mm, in the indenter's own frame; a larger dz reaches
             further towards the sensor.
         name: Name of the kind, such as "dual".
@@ -133,7 +174,7 @@ class Indenter:
     name: str
 
     def __post_init__(self) -> None:
-        if not self.radius > 0:
+        if self.radius <= 0:
             raise ValueError(f"an indenter's radius is {self.radius} mm, it must be positive")
         if not self.offsets:
             raise ValueError("an indenter needs at least one tip")
@@ -218,10 +259,18 @@ class Scene:
     Attributes:
         indenter: The indenter.
         pose: The pose of the indenter.
+        sites: The named places that it touches; None where contacts are known instead.
     """
 
     indenter: Indenter
     pose: Pose
+    sites: Sites | None = None
+
+    @classmethod
+    def of_sites(cls, sites: Sites) -> Scene:
+        """Return a scene of which nothing is known but the named places that are touched."""
+        unknown = Pose(*(math.nan,) * 5)
+        return cls(Indenter(math.nan, ((0.0, 0.0, 0.0),), "named places"), unknown, sites)
 
 
 @dataclass(frozen=True)
@@ -262,6 +311,7 @@ class Frame:
         rest: Signal of the undeformed sensor, of the same shape, if there is one. Where presses are
             spread over several sensor instances, it is that of the instance that was pressed.
         force: (K, 3) force on the skin of every true contact, N, see ``Contacts``; None: not known.
+        session: Name of the session in which it was recorded; "" where it is not known.
     """
 
     signal: Signal
@@ -269,6 +319,7 @@ class Frame:
     pose: Pose
     rest: Signal | None = field(default=None, repr=False)
     force: FloatArray | None = field(default=None, repr=False)
+    session: str = ""
 
     @property
     def image(self) -> npt.NDArray[np.uint8]:

@@ -23,20 +23,20 @@ from tactibench import (
     ModelContext,
     PlatePose,
     Progress,
+    Sites,
     UserError,
     channel_vectors,
     gray_frames,
     holds_channels,
 )
-from tactibench.records import pack, read_arrays, unpack_contacts, unpack_plates, write_arrays
+from tactibench.records import pack, read_arrays, unpack, write_arrays
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-def _unpack(arrays: Arrays) -> list[Answer]:
+def _unpack(arrays: Arrays, answer: str) -> list[Answer]:
     """Return the labels that ``tactibench.records.pack`` was given."""
-    labels = unpack_plates(arrays) if "given" in arrays else unpack_contacts(arrays)
-    return [label for label in labels if label is not None]
+    return [label for label in unpack(arrays, answer) if label is not None]
 
 
 def _read(path: Path, answer: str, *names: str) -> Arrays:
@@ -44,7 +44,7 @@ def _read(path: Path, answer: str, *names: str) -> Arrays:
 
     Args:
         path: The file.
-        answer: "contacts" or "plate".
+        answer: "contacts", "plate" or "sites".
         names: Further arrays that the file must hold.
 
     Raises:
@@ -64,7 +64,8 @@ class MeanModel(Model):
     """A model that answers every frame alike.
 
     "contacts": one contact at the mean x, y and depth of all contacts of the training frames (no
-    contact when they have none). "plate": the mean depth and tilt.
+    contact when they have none). "plate": the mean depth and tilt. "sites": the share of the frames
+    that touch each place, and the places that most of them touch.
     """
 
     expected_failed_checks: ClassVar[Mapping[str, str]] = {
@@ -97,6 +98,10 @@ class MeanModel(Model):
         if self._answer_kind == "plate":
             depth, tilt = labels["plate_depth"].mean(), labels["plate_tilt"].mean()
             self._mean = PlatePose(float(depth), float(tilt))
+        elif self._answer_kind == "sites":
+            share = labels["touched"].mean(axis=0)
+            names = tuple(labels["names"].tolist())
+            self._mean = Sites(names, tuple(share.tolist()), tuple((share > 0.5).tolist()))
         elif not len(labels["depth"]):
             self._mean = Contacts.none()
         else:
@@ -123,7 +128,7 @@ class MeanModel(Model):
         Raises:
             UserError: The file is missing or damaged, or holds labels of another kind.
         """
-        (self._mean,) = _unpack(_read(directory / "mean.npz", self._answer_kind))
+        (self._mean,) = _unpack(_read(directory / "mean.npz", self._answer_kind), self._answer_kind)
 
 
 Features = npt.NDArray[np.float32]
@@ -173,7 +178,7 @@ class NearestModel(Model):
                 f"model 'nearest' was given {len(frames)} training frames and {len(truth)} labels; "
                 "raise the training count."
             )
-        self._truth = _unpack(pack(truth, self._answer_kind))
+        self._truth = _unpack(pack(truth, self._answer_kind), self._answer_kind)
         self._minus_rest = all(frame.rest is not None for frame in frames)
         self._scale = _NO_SCALE
         if holds_channels(frames):
@@ -221,7 +226,7 @@ class NearestModel(Model):
         arrays = _read(path, self._answer_kind, "features", "minus_rest", "scale")
         features, minus_rest = arrays["features"], bool(arrays["minus_rest"])
         self._scale = arrays["scale"]
-        self._truth = _unpack(arrays)
+        self._truth = _unpack(arrays, self._answer_kind)
         width = len(self._scale) or self._size**2
         if features.shape != (len(self._truth), width):
             raise UserError(

@@ -82,6 +82,8 @@ class RecordedSensor(Sensor):
         self._columns = dict(recording.columns)
         self._label_fit: RecordingFit | None = None
         scenes: Sequence[Scene | None] = recording.scenes
+        if recording.sites:
+            scenes = recording.site_scenes()
         if not any(scenes):
             scenes = self._read_plates(fit=fit)
         self._rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
@@ -89,7 +91,7 @@ class RecordedSensor(Sensor):
             raise UserError(f"{context.data} has no frame of which it is known what was pressed.")
         self._scenes = tuple(scene for scene in scenes if scene is not None)
         self._split = _split_subsets(recording, split) if split else {}
-        if not trust_labels and self._label_fit is None:  # a fit has checked them
+        if not (trust_labels or self._label_fit or recording.sites):  # a fit has checked them
             self._refuse_contradictions()
         self.signal = "channels" if isinstance(recording.kind, ChannelKind) else "image"
         if recording.dome_radius_mm is not None and recording.dataset is not None:
@@ -106,6 +108,13 @@ class RecordedSensor(Sensor):
         """Return name of a frame -> name of its press, which frames of one press share."""
         names, presses = self._recording.names, self._recording.presses
         return dict(zip(self._of_frames(names), self._of_frames(presses), strict=True))
+
+    def sessions(self) -> dict[str, str]:
+        """Return name of a frame -> session; {} where no session is known."""
+        names, sessions = self._recording.names, self._recording.sessions
+        if not any(sessions):
+            return {}
+        return dict(zip(self._of_frames(names), self._of_frames(sessions), strict=True))
 
     def split(self) -> Mapping[str, str]:
         """Return name of a frame -> subset of the split; {} without a split."""
@@ -184,7 +193,8 @@ class RecordedSensor(Sensor):
     def _frame(self, number: int) -> Frame:
         row, pose = self._rows[number], self._scenes[number].pose
         signal, force = self._recording.signal(row), self._recording.force(row)
-        return Frame(signal, float(number), pose, self._rest_signal, force)
+        session = self._recording.sessions[row] if self._recording.sessions else ""
+        return Frame(signal, float(number), pose, self._rest_signal, force, session)
 
     def _of_frames(self, values: Sequence[str]) -> list[str]:
         """Return what the frames with a scene have, of the values of all rows."""

@@ -19,6 +19,8 @@ from tactibench.board.rows import label_of, section_key
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics import (
+    FIELDS,
+    AnyTrials,
     PlateTrials,
     Trials,
     by_kind,
@@ -157,9 +159,11 @@ def _measure(run: StoredRun) -> _PressMeans:
     return _PressMeans(means, misses, trials.level)
 
 
-def _groups(trials: Trials | PlateTrials, metric: str) -> tuple[str, ...]:
+def _groups(trials: AnyTrials, metric: str) -> tuple[str, ...]:
     if isinstance(trials, PlateTrials):
         return tuple(dict.fromkeys(trials.group)) or ("all",)
+    if not isinstance(trials, Trials):
+        return ("all",)
     if trials.axes:  # hard cases: only the error of each, so that p is adjusted for fewer tests
         cases = [axis.groups for axis in trials.axes] if metric == ERROR else []
         present = set(trials.group)
@@ -229,7 +233,7 @@ def names_of(runs: Sequence[StoredRun]) -> list[str]:
 def left_out(runs: Sequence[StoredRun]) -> list[str]:
     """Return the metrics of the protocol that are not means over presses."""
     spec = protocol_of(runs[0]).spec
-    field = "plate_sample" if spec.answer == "plate" else "sample"
+    field = FIELDS[spec.answer][1]
     metrics = [find_metric(name) for name in spec.metrics.names]
     return [metric.name for metric in metrics if metric.root or getattr(metric, field) is None]
 

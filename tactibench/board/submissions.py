@@ -25,7 +25,7 @@ import numpy.typing as npt
 from tactibench.board.rows import label_of, row_key
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics import PlateTrials, Trials, press_shares
+from tactibench.metrics import AnyTrials, press_shares
 from tactibench.protocols import (
     Protocol,
     board_spec,
@@ -41,8 +41,7 @@ from tactibench.records import (
     parse_record,
     read_json,
     refuse_changed,
-    unpack_contacts,
-    unpack_plates,
+    unpack,
     with_checksum,
     write_arrays,
 )
@@ -347,7 +346,7 @@ def press_errors_of(
     return replace(_press_errors(board.ranking.metric, group, trials), apart=apart)
 
 
-def _press_errors(metric: str, group: str, trials: Trials | PlateTrials) -> PressErrors:
+def _press_errors(metric: str, group: str, trials: AnyTrials) -> PressErrors:
     error = press_shares(metric, trials, group)
     finite = np.isfinite(error)
     return PressErrors(np.unique(trials.press)[finite], error[finite])
@@ -483,7 +482,7 @@ def check_answers(
             "without contacts is answered with none."
         )
     try:
-        unpacked = (unpack_plates if kind == "plate" else unpack_contacts)(answers)
+        unpacked = unpack(answers, kind)
         again = pack(unpacked, kind)
         others = [name for name in answers if name not in again]
         good = sorted(others) == (sorted(FAILURES) if guarded else []) and all(

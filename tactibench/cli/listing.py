@@ -224,7 +224,11 @@ def _show_protocol(name: str) -> None:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
         echo(f"  draw      {draw.name}: {count:,} {_kind(draw)} presses")
     for regime, extra in spec.regimes.items():
-        echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
+        learns = " + ".join(["the training share", *extra])
+        if spec.sites is not None:
+            most = spec.sites.most.get(regime)
+            learns = f"trials with at most {most} touched" if most else "all but the tested fold"
+        echo(f"  regime    {regime}: {learns}")
     for axis in spec.axes:
         echo(f"  {_family(axis)}")
     echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")

@@ -96,6 +96,7 @@ def _header(recording: Recording, options: ImportOptions) -> Header:
         recording.dome_radius_mm,
         channels,
         recording.signal_names,
+        recording.sites,
         licence=options.licence,
         source={
             "importer": f"tactibench {tactibench.__version__}",
@@ -122,6 +123,7 @@ def _draft(recording: Recording, row: int) -> Draft:
             if values[row] == values[row]  # NaN: this frame has no such label
         },
         recording.presses[row],
+        session=recording.sessions[row] if recording.sessions else "",
         extra={**extra, SOURCE_NAME: recording.names[row]},
     )
 

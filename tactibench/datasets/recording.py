@@ -14,7 +14,7 @@ from typing import Any, Literal, cast
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Scene, Signal
+from tactibench.contacts import Scene, Signal, Sites
 from tactibench.datasets.dataset import Dataset, Image, open_dataset
 from tactibench.datasets.labels import role_columns, scenes_of
 from tactibench.datasets.options import AS_IS, AUTO, PLATE, ImportOptions
@@ -73,6 +73,8 @@ class Recording:
         labels: Column -> (N,) mm or deg, NaN where a frame has no such label.
         scenes: Scene of every frame, None where only labels are known.
         presses: Name of the press of every frame; frames of one press share it.
+        sites: Labels that say which named places are touched.
+        sessions: Session in which every frame was recorded; () where no session is known.
         sha256: Hash over the table and the frames.
         columns: Role, such as "depth" -> column.
         extra: Other columns -> (N,) texts.
@@ -111,6 +113,8 @@ class Recording:
     estimated_rest: Image | None = field(default=None, repr=False)
     dataset: Dataset | None = None
     rows: tuple[int, ...] = ()
+    sites: tuple[str, ...] = ()
+    sessions: tuple[str, ...] = ()
 
     @property
     def kind(self) -> ImageKind | ChannelKind:
@@ -182,6 +186,22 @@ class Recording:
         """Return the labels that every frame has."""
         return {name: values for name, values in self.labels.items() if not np.isnan(values).any()}
 
+    def site_scenes(self) -> tuple[Scene, ...]:
+        """Return the scene of every frame by the named places that it touches.
+
+        Raises:
+            UserError: A label of a place is neither 0 nor 1.
+        """
+        touched = np.column_stack([self.labels[name] for name in self.sites])
+        bad = np.argwhere(~np.isin(touched, (0, 1)))
+        if len(bad):
+            row, column = bad[0]
+            raise UserError(
+                f"{self.table} row {row + 1}: {self.sites[column]} is {touched[row, column]:g}, "
+                "but a place is touched (1) or not (0); correct it."
+            )
+        return tuple(Scene.of_sites(Sites.truth(self.sites, row)) for row in touched)
+
     def plate_scenes(self, options: ImportOptions) -> tuple[tuple[Scene, ...], dict[str, str]]:
         """Read the labels as those of a plate.
 
@@ -241,6 +261,8 @@ def read_dataset(folder: Path) -> Recording:
         notes=tuple(notes),
         dataset=dataset,
         rows=tuple(good),
+        sites=header.sites,
+        sessions=tuple(sample.session for sample in samples),
     )
 
 
@@ -249,6 +271,8 @@ def _frame_names(samples: Sequence[Sample]) -> tuple[str, ...]:
     names = [str(sample.extra.get(SOURCE_NAME, sample.file_name)) for sample in samples]
     if max(Counter(names).values()) > 1:
         names = [sample.file_name for sample in samples]
+        if max(Counter(names).values()) > 1:  # one file holds the channels of all
+            names = [f"sample-{sample.id:06d}" for sample in samples]
     return tuple(names)
 
 

@@ -99,6 +99,7 @@ class Header:
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         signal: Shape of every sample's float32 channels; () where the samples are images.
         signal_names: Names of the channels, in their order, as far as they are known.
+        sites: Names of places; the label of that name says whether a sample touches it (1 or 0).
         units: Units of lengths, angles and forces.
         axes: Order of Euler angles.
         frames: Coordinate frames in words.
@@ -121,6 +122,7 @@ class Header:
     dome_radius_mm: PositiveFloat | None = None
     signal: tuple[PositiveInt, ...] = ()
     signal_names: tuple[str, ...] = ()
+    sites: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=lambda: dict(UNITS))
     axes: str = AXES
     frames: Mapping[str, str] = field(default_factory=lambda: dict(FRAMES))
@@ -289,7 +291,8 @@ def write_header(folder: Path, header: Header) -> None:
         value["dome_radius_mm"] = _FLAT  # infinity has no meaning in JSON
     try:
         _parse_header(value, "the header of the data set")
-        for key in ["image"] if header.signal else ["signal", "signal_names"]:
+        left_out = ["image"] if header.signal else ["signal", "signal_names"]
+        for key in left_out if header.sites else [*left_out, "sites"]:
             del value[key]
         write_json(folder / HEADER, value)
     except (TypeError, ValueError) as error:

@@ -40,11 +40,13 @@ class Presses:
         """Return the answers that a model should give, from the poses actually reached.
 
         Args:
-            answer: "contacts" or "plate".
+            answer: "contacts", "plate" or "sites".
             dome_radius: Radius of the protocol's dome, mm; the sensor's own radius goes before it.
         """
         if answer == "plate":
             return [plate_pose(scene) for scene in self.reached()]
+        if answer == "sites":
+            return [scene.sites for scene in self.scenes if scene.sites is not None]
         radius = dome_radius if self.dome_radius is None else self.dome_radius
         reached = zip(self.reached(), self.frames, strict=True)
         return [true_contacts(scene, radius, frame.force) for scene, frame in reached]

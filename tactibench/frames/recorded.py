@@ -53,6 +53,7 @@ class Recording:
         scenes: Scene of every frame.
         presses: Press of every frame; frames of one press share it.
         parts: Part of every frame in the recording's own split, "" for none; None: it has no split.
+        sessions: Session of every frame, "" where it is not known.
     """
 
     sensor: Sensor
@@ -61,6 +62,7 @@ class Recording:
     scenes: tuple[Scene, ...]
     presses: tuple[str, ...]
     parts: tuple[str, ...] | None = None
+    sessions: tuple[str, ...] = ()
 
     @classmethod
     def open(
@@ -91,7 +93,7 @@ class Recording:
                 f"sensor {component.name!r} does not say which presses it has, which protocol "
                 f"{protocol.id!r} needs; use --sensor recorded."
             )
-        presses, split = sensor.presses(), sensor.split()
+        presses, split, sessions = sensor.presses(), sensor.split(), sensor.sessions()
         identity = sensor_identity(component, sensor.describe())
 
         def of(names: Iterable[str]) -> Recording:
@@ -104,6 +106,7 @@ class Recording:
                 tuple(scenes[name] for name in chosen),
                 tuple(presses.get(name, name) for name in chosen),
                 tuple(split.get(name, "") for name in chosen) if split else None,
+                tuple(sessions.get(name, "") for name in chosen),
             )
 
         if protocol.answer != "plate":

@@ -169,6 +169,8 @@ class FramePlan:
             recording, the number of frames that belong to no draw.
         workspace: Range of the training sensor, where it is not the protocol's.
         signals: Kinds of signal of the training and of the tested sensor, see ``Sensor.signal``.
+        folds: Divisions of the frames that are trained and tested one after the other, in the order
+            of the test sets; () where the weights of one training answer all test frames.
         calibrated: Number of frames that test nothing because a simulator was fitted to them.
     """
 
@@ -182,6 +184,7 @@ class FramePlan:
     test_identity: dict[str, Any] | None = None
     workspace: Workspace | None = None
     rejected: int = 0
+    folds: tuple[FramePlan, ...] = ()
     calibrated: int = 0
 
     def __iter__(self) -> Iterator[FrameSet]:
@@ -298,6 +301,10 @@ def frame_source(request: FrameRequest) -> FrameSource:
         from tactibench.frames.transfer import TransferFrames
 
         return TransferFrames(request)
+    if spec.sites is not None:
+        from tactibench.frames.sites import SiteFrames
+
+        return SiteFrames(request)
     if request.sensor.spec.needs_data:
         from tactibench.frames.recorded import recorded_source
 

@@ -11,6 +11,7 @@ from .registry import compared_metrics as compared_metrics
 from .registry import find_metric as find_metric
 from .registry import press_means as press_means
 from .registry import press_shares as press_shares
+from .spec import FIELDS as FIELDS
 from .spec import by_kind as by_kind
 from .spec import condition as condition
 from .surface import surface_floor as surface_floor
@@ -23,7 +24,9 @@ from .threshold import interpolated_threshold as interpolated_threshold
 from .threshold import isotonic_shares as isotonic_shares
 from .trials import NOT_FINITE as NOT_FINITE
 from .trials import RAISED as RAISED
+from .trials import AnyTrials as AnyTrials
 from .trials import PlateTrials as PlateTrials
+from .trials import SiteTrials as SiteTrials
 from .trials import Trials as Trials
 from .trials import match as match
 from .trials import match_trials as match_trials

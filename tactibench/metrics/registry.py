@@ -19,13 +19,16 @@ import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError, did_you_mean
-from tactibench.metrics.spec import Mask, MetricSpec, Sample, members
-from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.metrics.spec import FIELDS, Mask, MetricSpec, Sample, members
+from tactibench.metrics.trials import AnyTrials, PlateTrials, SiteTrials, Trials
 from tactibench.protocols import LoadedProtocol, board_spec
 from tactibench.records import Metric
 from tactibench.stats import Estimate
 
-FAMILIES = ("position", "threshold", "detection", "surface", "uncertainty", "hard_cases")
+FAMILIES = (
+    *("position", "threshold", "detection", "surface", "uncertainty", "hard_cases"),
+    "sites",
+)
 """Modules of ``tactibench.metrics`` with metrics, in the order of a list of all of them."""
 
 
@@ -64,7 +67,7 @@ def check_metrics(protocol: LoadedProtocol) -> None:
             its kind of answers. The message names a close match.
     """
     spec = protocol.spec
-    kind = "plates" if spec.answer == "plate" else "contacts"
+    kind = FIELDS[spec.answer][0]
     keys = [("metrics.names", spec.metrics.names)]
     keys += [(f"metrics of test.apart {test.name!r}", test.metrics) for test in spec.test.apart]
     for key, name in ((key, name) for key, names in keys for name in names):
@@ -84,9 +87,7 @@ def check_metrics(protocol: LoadedProtocol) -> None:
             )
 
 
-def score(
-    names: Sequence[str], trials: Trials | PlateTrials, *, rng: np.random.Generator
-) -> list[Metric]:
+def score(names: Sequence[str], trials: AnyTrials, *, rng: np.random.Generator) -> list[Metric]:
     """Compute metrics in the order of their names, each with its groups in the table's order.
 
     Every metric gets its own random numbers from one draw of ``rng`` and its name, so an interval
@@ -105,7 +106,7 @@ def score(
     rows = []
     for spec in specs:
         random = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
-        of_groups = _function(spec.name, trials, "contacts", "plates")(trials, random)
+        of_groups = _function(spec.name, trials)(trials, random)
         rows += [_metric(spec, group, estimate) for group, estimate in of_groups]
     return rows
 
@@ -125,30 +126,32 @@ def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
     return Metric.model_validate(values)
 
 
-def _function(
-    name: str, trials: Trials | PlateTrials, of_contacts: str, of_plates: str
-) -> Callable[..., Any]:
-    """Return the function of a metric for answers of a kind, by the field that holds it.
+def _kind(trials: AnyTrials) -> str:
+    by_type = {Trials: "contacts", PlateTrials: "plate", SiteTrials: "sites"}
+    return by_type[type(trials)]
+
+
+def _function(name: str, trials: AnyTrials, *, sample: bool = False) -> Callable[..., Any]:
+    """Return the function of a metric that makes its rows, or its values, of trials.
 
     Raises:
         UserError: The metric is unknown, or has no such function.
     """
-    field = of_plates if isinstance(trials, PlateTrials) else of_contacts
+    kind = _kind(trials)
+    field = FIELDS[kind][sample]
     function: Callable[..., Any] | None = getattr(find_metric(name), field)
     if function is None:
         able = ", ".join(sorted(n for n, spec in all_metrics().items() if getattr(spec, field)))
-        kind = "plate poses" if isinstance(trials, PlateTrials) else "contacts"
-        means = " press by press" if "sample" in field else ""
+        means = " press by press" if sample else ""
+        words = {"plate": "plate poses"}.get(kind, kind)
         raise UserError(
-            f"metric {name!r} cannot be computed{means} from answers that are {kind}; "
+            f"metric {name!r} cannot be computed{means} from answers that are {words}; "
             f"choose one of {able}."
         )
     return function
 
 
-def press_means(
-    name: str, trials: Trials | PlateTrials, groups: Sequence[str] = ("all",)
-) -> FloatArray:
+def press_means(name: str, trials: AnyTrials, groups: Sequence[str] = ("all",)) -> FloatArray:
     """Return the means of a metric's values, (P, groups), NaN where a press has none in a group.
 
     Args:
@@ -166,7 +169,7 @@ def press_means(
     return np.stack(columns, axis=1)
 
 
-def press_shares(name: str, trials: Trials | PlateTrials, group: str = "all") -> FloatArray:
+def press_shares(name: str, trials: AnyTrials, group: str = "all") -> FloatArray:
     """Return what each press has of a metric: (P,) values with the metric as their mean.
 
     It is the sum of a press's values over the mean number of values of a press, and so the mean of
@@ -188,10 +191,10 @@ def press_shares(name: str, trials: Trials | PlateTrials, group: str = "all") ->
 
 
 def _press_sums(
-    name: str, trials: Trials | PlateTrials, group: str
+    name: str, trials: AnyTrials, group: str
 ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
     """Return the sum of a metric's values, and their number, of every press."""
-    sample: Sample = _function(name, trials, "sample", "plate_sample")(trials)
+    sample: Sample = _function(name, trials, sample=True)(trials)
     unique, codes = np.unique(trials.press, return_inverse=True)
     inside = _members(trials, group)[sample.trial]
     press = codes[sample.trial[inside]]
@@ -199,15 +202,18 @@ def _press_sums(
     return sums, np.bincount(press, minlength=len(unique))
 
 
-def compared_metrics(trials: Trials | PlateTrials, names: Iterable[str]) -> list[str]:
+def compared_metrics(trials: AnyTrials, names: Iterable[str]) -> list[str]:
     """Return the metrics that are means over presses and can be compared press by press."""
-    plates = isinstance(trials, PlateTrials)
-    specs = map(find_metric, names)
-    return [s.name for s in specs if (s.plate_sample if plates else s.sample) and not s.root]
+    field, specs = FIELDS[_kind(trials)][1], map(find_metric, names)
+    return [spec.name for spec in specs if getattr(spec, field) and not spec.root]
 
 
-def _members(trials: Trials | PlateTrials, group: str) -> Mask:
-    if not isinstance(trials, PlateTrials):
+def _members(trials: AnyTrials, group: str) -> Mask:
+    if isinstance(trials, Trials):
         return members(trials, group)
+    if isinstance(trials, SiteTrials):
+        from tactibench.metrics.sites import groups
+
+        return dict(groups(trials))[group]
     everything = np.ones(len(trials), dtype=bool)
     return everything if group == "all" else np.array(trials.group, dtype=object) == group

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import FloatArray
-from tactibench.metrics.trials import CATCH, PlateTrials, Trials
+from tactibench.metrics.trials import CATCH, PlateTrials, SiteTrials, Trials
 from tactibench.protocols import UNTOUCHED, family_of
 from tactibench.stats import Estimate, IntArray, Labels, positive_mean_interval
 
@@ -52,6 +52,8 @@ class MetricSpec:
         sample: Values of trials with contacts whose mean (or root mean square) it is, for paired
             comparison; None where it is no mean and cannot be compared press by press.
         plate_sample: The same of trials with plate poses.
+        sites: Its rows from trials with named places; None where it does not apply.
+        site_sample: Values of such trials whose mean it is.
         root: Whether it is the root of that mean.
     """
 
@@ -64,6 +66,16 @@ class MetricSpec:
     sample: Callable[[Trials], Sample] | None = None
     plate_sample: Callable[[PlateTrials], Sample] | None = None
     root: bool = False
+    sites: Callable[[SiteTrials, np.random.Generator], Rows] | None = None
+    site_sample: Callable[[SiteTrials], Sample] | None = None
+
+
+FIELDS = {
+    "contacts": ("contacts", "sample"),
+    "plate": ("plates", "plate_sample"),
+    "sites": ("sites", "site_sample"),
+}
+"""Kind of answer -> fields of a ``MetricSpec`` with the rows and with the values of trials."""
 
 
 Mask = npt.NDArray[np.bool_]

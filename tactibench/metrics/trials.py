@@ -255,6 +255,33 @@ class PlateTrials:
         return len(self.truth)
 
 
+@dataclass(frozen=True, eq=False)
+class SiteTrials:
+    """N test frames answered with the named places that are touched.
+
+    Attributes:
+        true: (N, K) whether each place is touched.
+        touched: (N, K) whether each place is in the predicted set.
+        probability: (N, K) predicted probability that each place is touched.
+        press: (N,) ids of the clusters: trials, or sets of places that no training saw.
+        group: Group of every frame, see ``tactibench.metrics.sites``.
+        level: Level of the intervals.
+    """
+
+    true: npt.NDArray[np.bool_]
+    touched: npt.NDArray[np.bool_]
+    probability: FloatArray
+    press: Labels
+    group: tuple[str, ...]
+    level: float = 0.95
+
+    def __len__(self) -> int:
+        return len(self.true)
+
+
+AnyTrials = Trials | PlateTrials | SiteTrials
+
+
 def _lengths(n: int, **columns: Any) -> None:
     for name, column in columns.items():
         if len(column) != n:

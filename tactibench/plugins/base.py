@@ -105,7 +105,7 @@ class ModelContext:
     """The circumstances that a model is built for: ``Class(context, **parameters)``.
 
     Attributes:
-        answer: "contacts" or "plate", what ``predict`` must return.
+        answer: "contacts", "plate" or "sites", what ``predict`` must return.
         grid: Cells of the heatmaps.
         max_depth: Depth that a heatmap value of 1 stands for, mm.
         encoder: None for models that do not use one.
@@ -324,6 +324,13 @@ class Sensor(ABC):
 
         Frames of one press are not independent: intervals count a press once. Default: {}, each
         frame is a press of its own.
+        """
+        return {}
+
+    def sessions(self) -> Mapping[str, str]:
+        """Return the session in which each of ``scenes`` was recorded, by the name of its frame.
+
+        Default: {}, not known.
         """
         return {}
 

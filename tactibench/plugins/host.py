@@ -8,11 +8,11 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.metadata import Distribution, EntryPoint, entry_points
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 import pluggy
 
@@ -118,6 +118,12 @@ class Catalogue(Generic[SpecT]):
             text = f"unknown {self.kind} {name!r}; {did_you_mean(name, self.specs)}{broken}"
             raise UserError(text)
         return self.specs[name]
+
+    def for_answer(self, answer: str) -> Catalogue[ModelSpec]:
+        """Return a catalogue of models as they answer "contacts", "plate" or "sites"."""
+        models = cast("Catalogue[ModelSpec]", self)
+        of_sites = {spec.name: spec.of_sites or spec for spec in models if answer == "sites"}
+        return replace(models, specs={**models.specs, **of_sites})
 
 
 class PluginHost:

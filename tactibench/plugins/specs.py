@@ -37,7 +37,7 @@ _TRUTHS = {
 """Texts for a parameter that is true or false: plain words, those of TOML, and digits."""
 
 KINDS = ("model", "sensor", "encoder")
-ANSWERS = ("contacts", "plate")
+ANSWERS = ("contacts", "plate", "sites")
 IMAGE, CHANNELS = "image", "channels"
 SIGNALS = (IMAGE, CHANNELS)
 """Kinds of signal: uint8 images of a camera, float32 channels of any other sensor."""
@@ -238,7 +238,7 @@ class ModelSpec(_Spec["Model"]):
         target: ``"package.module:Class"``, a subclass of ``tactibench.Model``.
         summary: One line for ``tactibench list``.
         parameters: Parameters that a user may set.
-        answers: Kinds of answer that it can be trained for, of "contacts" and "plate".
+        answers: Kinds of answer that it can be trained for, of "contacts", "plate" and "sites".
         reads: Kinds of signal that it reads, of "image" and "channels" (see ``Sensor.signal``).
         max_contacts: Most contacts in a frame; None: any number.
         uses_encoder: Whether it is trained through an encoder.
@@ -250,6 +250,8 @@ class ModelSpec(_Spec["Model"]):
         deterministic: Whether nothing is drawn at random in a training on one sensor, so that every
             seed gives the same weights; ``tactibench check`` holds it to that. On a board one seed
             of such a model is enough, if it ships with tactibench.
+        of_sites: The model that has this name where named places are asked for, with parameters of
+            its own; None: it is this one, if any.
     """
 
     _BASE = "Model"
@@ -264,6 +266,7 @@ class ModelSpec(_Spec["Model"]):
         default_factory=dict, hash=False, kw_only=True
     )
     deterministic: bool = field(default=False, kw_only=True)
+    of_sites: ModelSpec | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

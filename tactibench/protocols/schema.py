@@ -268,8 +268,10 @@ class Family(Strict):
 
 def contradictions(spec: Protocol) -> Iterator[str]:
     """Yield the rules that a protocol breaks, most telling first."""
-    if (spec.split is None) == (spec.recorded is None):
-        yield "exactly one of [split] and [recorded] is needed"
+    if sum(table is not None for table in (spec.split, spec.recorded, spec.sites)) != 1:
+        yield "exactly one of [split], [recorded] and [sites] is needed"
+    if (spec.sites is None) != (spec.answer != "sites"):
+        yield "[sites] and answer = 'sites' belong together"
     yield from _repeated("draws", (draw.name for draw in spec.draws))
     yield from _repeated("families", (family.name for family in spec.families))
     lone = (table for table in (spec.plates, spec.transfer) if table is not None)
@@ -278,7 +280,7 @@ def contradictions(spec: Protocol) -> Iterator[str]:
         yield "two tables take the same stream: they would share presses"
     yield from _about_families(spec)
     yield from _about_apart(spec)
-    if spec.recorded is not None and (
+    if spec.split is None and (
         spec.draws
         or any(spec.regimes.values())
         or (spec.test.sets, spec.test.group, spec.test.catch) != ((RECORDED,), "all", None)
@@ -537,6 +539,22 @@ class Recorded(Strict):
         return self
 
 
+class SiteTests(Strict):
+    """The training and test trials of a recording that knows which named places are touched.
+
+    A regime that is named here learns from the trials with at most so many touched places, and is
+    tested on those with more. Any other regime is tested on sets of places that its training never
+    saw, fold by fold, and on each session after a training on the others.
+
+    Attributes:
+        most: Regime -> largest number of touched places in a training trial.
+        folds: Number of folds of the sets of places.
+    """
+
+    most: dict[Name, PositiveInt]
+    folds: Annotated[int, Field(ge=2, le=100)]
+
+
 class Plates(Strict):
     """Presses of a tilted plate for a sensor that makes its own frames.
 
@@ -653,6 +671,7 @@ class Protocol(Strict):
         draws: Sets of presses.
         split: Division of one draw; a protocol has either this or ``recorded``.
         recorded: Division of the presses of a recorded folder.
+        sites: Division of the trials of a recording that knows which named places are touched.
         plates: Presses of a simulated sensor where recordings are tested.
         transfer: Test on another sensor than the trained one.
         cases: Settings that all families of hard cases share.
@@ -668,7 +687,7 @@ class Protocol(Strict):
     id: Name
     version: PositiveInt
     title: str
-    answer: Literal["contacts", "plate"]
+    answer: Literal["contacts", "plate", "sites"]
     data_seed: Seed
     workspace: Workspace
     grid: GridKeys
@@ -676,6 +695,7 @@ class Protocol(Strict):
     draws: tuple[Draw, ...] = Field(default=(), strict=False)
     split: Split | None = None
     recorded: Recorded | None = None
+    sites: SiteTests | None = None
     plates: Plates | None = None
     transfer: Transfer | None = None
     cases: Cases | None = None

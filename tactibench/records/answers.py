@@ -1,4 +1,4 @@
-"""Answers (contacts or plate poses) as flat arrays, and back."""
+"""Answers (contacts, plate poses or named places) as flat arrays, and back."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, PlatePose
+from tactibench.contacts import Answer, Contacts, PlatePose, Sites
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -69,13 +69,40 @@ def unpack_plates(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[PlatePose | N
     return tuple(out)
 
 
+def pack_sites(answers: Sequence[Sites]) -> Arrays:
+    """Return the named places of N frames as arrays: names (K,), probability and touched (N, K)."""
+    names = answers[0].names if answers else ()
+    if any(answer.names != names for answer in answers):
+        raise ValueError("answers name different places")
+    shape = (len(answers), len(names))
+    return {
+        "names": np.array(names, dtype=np.str_),
+        "probability": np.array([a.probability for a in answers], dtype=np.float64).reshape(shape),
+        "touched": np.array([a.touched for a in answers], dtype=bool).reshape(shape),
+    }
+
+
+def unpack_sites(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Sites, ...]:
+    """Return the named places of every frame from the arrays of ``pack_sites``."""
+    names = tuple(arrays["names"].tolist())
+    rows = zip(arrays["probability"].tolist(), arrays["touched"].tolist(), strict=True)
+    return tuple(Sites(names, tuple(probability), tuple(touched)) for probability, touched in rows)
+
+
 def pack(answers: Sequence[Answer | None], kind: str) -> Arrays:
     """Return answers of one kind as flat arrays.
 
     Args:
         answers: One answer of this kind a frame; None: no plate pose was given.
-        kind: "contacts" or "plate".
+        kind: "contacts", "plate" or "sites".
     """
-    packed: Any = pack_plates if kind == "plate" else pack_contacts
-    arrays: Arrays = packed(answers)
+    by_kind: Any = {"contacts": pack_contacts, "plate": pack_plates, "sites": pack_sites}
+    arrays: Arrays = by_kind[kind](answers)
     return arrays
+
+
+def unpack(arrays: Mapping[str, npt.NDArray[Any]], kind: str) -> tuple[Answer | None, ...]:
+    """Return the answers of one kind from the arrays of ``pack``."""
+    by_kind: Any = {"contacts": unpack_contacts, "plate": unpack_plates, "sites": unpack_sites}
+    answers: tuple[Answer | None, ...] = by_kind[kind](arrays)
+    return answers

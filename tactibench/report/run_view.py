@@ -412,7 +412,10 @@ def measured_table(run_table: RunTable, record: Record) -> Table:
         for name, group in metrics
         if name in run_table.metrics and (distance := condition(group)) is not None
     }
-    groups = run_table.groups or sorted(distances, key=distances.__getitem__)
+    present = {group for name, group in metrics if name in run_table.metrics}
+    groups = [group for group in run_table.groups if group in present] or (
+        run_table.groups or sorted(distances, key=distances.__getitem__)
+    )
     columns = {name: [metrics.get((name, group)) for group in groups] for name in run_table.metrics}
     rows: list[list[Cell]] = [
         [group, *(metric_cell(columns[name][k], d) for name, d in run_table.metrics.items())]

@@ -355,6 +355,7 @@ HEADS = {
 """Heads of columns."""
 
 NAMES = {
+    "brier": "Brier score",
     "catch_resolved": "single presses seen as two",
     "coverage": "coverage",
     "d_prime": "d' of one against two",
@@ -368,6 +369,8 @@ NAMES = {
     "ellipse_90": "truth inside the stated 90 % ellipse",
     "ellipse_95": "truth inside the stated 95 % ellipse",
     "error_ratio": "error / error of the easy case",
+    "exact": "set right",
+    "f1": "F1 of a place",
     "false_per_1000": "false contacts per 1,000 empty frames",
     "gospa1_mm": "GOSPA, p = 1",
     "gospa2_mm": "GOSPA, p = 2",
@@ -375,6 +378,7 @@ NAMES = {
     "missed": "missed contacts",
     "nll": "negative log likelihood",
     "not_finite": "frames answered with NaN or infinity",
+    "number_error": "error of the number",
     "orientation_mae_deg": "orientation error of the pair",
     "ospa_mm": "error a contact (OSPA, p = 1)",
     "position_mean_mm": "position error",
@@ -397,6 +401,8 @@ NAMES = {
     "tilt_mae_deg": "tilt error",
     "tilt_mae_minus_published_deg": "tilt error minus released",
     "tilt_mae_minus_published_p": "p of that",
+    "told": "right, number told",
+    "wrong_set": "set not right",
     "worst_ratio": "largest error / error of the easy case",
 }
 """Names in sentences and lists."""

@@ -105,7 +105,8 @@ def resolve_components(request: RunRequest, protocol: Protocol, host: PluginHost
     """
     given = {kind: dict(values) for kind, values in request.parameters.items()}
     data_folder(request.data)
-    model = host.models[request.model]
+    models = host.models.for_answer(protocol.answer)
+    model = models[request.model]
     default = protocol.defaults.sensor if request.data is None else "recorded"
     sensor_spec = host.sensors[request.sensor or default]
     encoder_spec = None
@@ -123,7 +124,7 @@ def resolve_components(request: RunRequest, protocol: Protocol, host: PluginHost
         encoder = BoundSpec.named(host.encoders, encoder_spec.name, given.get("encoder", {}))
     sensor = BoundSpec.named(host.sensors, sensor_spec.name, given.get("sensor", {}))
     components = Components(
-        model=BoundSpec.named(host.models, model.name, given.get("model", {})),
+        model=BoundSpec.named(models, model.name, given.get("model", {})),
         sensor=sensor,
         encoder=encoder,
         regime=regime,

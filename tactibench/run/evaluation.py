@@ -78,7 +78,7 @@ class Evaluation:
         model: The trained model.
         test: The test frames.
         reporter: Shows the work.
-        kind: Kind of the answers, "contacts" or "plate".
+        kind: Kind of the answers, "contacts", "plate" or "sites".
         rules: Limits of the answers.
     """
 
@@ -127,7 +127,7 @@ def truth_arrays(
     """Return packed answers with ``press`` and ``group`` of every frame.
 
     Args:
-        kind: "contacts" or "plate".
+        kind: "contacts", "plate" or "sites".
         answers: True answer to every frame.
         clusters: Press that every frame belongs to.
         groups: Group of every frame.

@@ -110,9 +110,13 @@ def _answer(
 
 def _evaluation(plan: RunPlan) -> type[Evaluation]:
     """Return the class of the test that a plan needs."""
-    if not (plan.spec.transfer or plan.request.test.shots or plan.spec.families):
+    frames = plan.frames
+    if not (plan.spec.transfer or frames.few_shot or plan.spec.families or frames.folds):
         return Evaluation
     from tactibench.run import special_evaluations as special
+
+    if frames.folds:
+        return special.FoldedEvaluation
 
     if plan.spec.transfer is not None:
         return special.FewShotEvaluation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,11 +132,19 @@ class RunPlan:
             transfers=self.spec.transfer is not None,
         )
 
+    def of_fold(self, fold: FramePlan) -> RunPlan:
+        """Return the plan of a training on a fold of the frames, whose weights are its own."""
+        identity = {**self.weights.identity, "frames": fold.training_key()}
+        weights = WeightsEntry(self.weights.folder.parent / digest(identity)[:24], identity)
+        return replace(self, frames=fold, weights=weights)
+
     def remove_cached(self) -> None:
         """Remove the frames and weights of the plan from the cache, so that they are made anew."""
         few_shot = () if self.frames.few_shot is None else (self.frames.few_shot,)
         for frames in (*self.frames, *few_shot):
             frames.remove()
+        for fold in self.frames.folds:
+            self.of_fold(fold).weights.remove()
         self.weights.remove()
 
     def lines(self, *, fresh: bool = False) -> list[str]:

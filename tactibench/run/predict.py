@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal
+from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal, Sites
 from tactibench.errors import NotFiniteError, UserError
 from tactibench.plugins import Model, describe_method
 from tactibench.records import Arrays, pack
@@ -41,7 +41,7 @@ class AnswerRules:
     """Limits of the answers of a model.
 
     Attributes:
-        kind: "contacts" or "plate".
+        kind: "contacts", "plate" or "sites".
         max_contacts: Most contacts of a frame; None for any number.
         shape: (rows, columns) of heatmaps.
     """
@@ -64,7 +64,7 @@ class Predictions(NamedTuple):
 
     @classmethod
     def of(cls, answers: Answers, heat: HeatMaps | None, kind: str) -> Predictions:
-        """Return the predictions of a kind, "contacts" or "plate"."""
+        """Return the predictions of a kind, "contacts", "plate" or "sites"."""
         return cls(pack(answers, kind), {} if heat is None else {"maps": heat})
 
 
@@ -138,7 +138,7 @@ def _checked_answer(
             source,
         )
     answer: object = predicted[0]
-    asked = PlatePose if rules.kind == "plate" else Contacts
+    asked: Any = {"contacts": Contacts, "plate": PlatePose, "sites": Sites}[rules.kind]
     if answer is None and asked is PlatePose:
         return None
     if not isinstance(answer, asked):
@@ -162,7 +162,7 @@ def _checked_answer(
             f"{len(answer)}",
             source,
         )
-    return answer
+    return cast("Answer", answer)
 
 
 def _is_finite(pose: PlatePose) -> bool:

@@ -29,7 +29,7 @@ from tactibench.records import (
 )
 
 if TYPE_CHECKING:
-    from tactibench.metrics import PlateTrials, Trials
+    from tactibench.metrics import AnyTrials
 
 SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
@@ -91,7 +91,7 @@ def trials_of(
     predicted: Arrays,
     maps: Arrays | None = None,
     apart: ApartTest | None = None,
-) -> Trials | PlateTrials:
+) -> AnyTrials:
     """Return the trials that the metrics are computed from.
 
     Args:
@@ -102,8 +102,17 @@ def trials_of(
             n/a.
         apart: The test that is scored apart from the main test; None for the main test.
     """
-    from tactibench.metrics import PlateTrials, Trials
+    from tactibench.metrics import PlateTrials, SiteTrials, Trials
 
+    if protocol.answer == "sites":
+        return SiteTrials(
+            truth["touched"],
+            predicted["touched"],
+            predicted["probability"],
+            truth["press"],
+            tuple(map(str, truth["group"])),
+            protocol.test.level,
+        )
     if protocol.answer == "plate":
         return PlateTrials(
             unpack_plates(truth),

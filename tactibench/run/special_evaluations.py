@@ -1,4 +1,4 @@
-"""The tests of models that are shown labelled frames, or that meet hard cases.
+"""The tests of models that are shown labelled frames, meet hard cases, or are trained in folds.
 
 Tests after a few labelled frames of the tested sensor: a protocol that changes the sensor names
 several numbers of labelled frames. Every test frame is answered once for each number, and these
@@ -35,6 +35,7 @@ from tactibench.run.predict import (
 )
 from tactibench.run.reporter import Reporter, open_frames
 from tactibench.run.timing import Speed
+from tactibench.run.weights import train_model
 
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
 """Arrays of failures, see ``predict_or_fail``: kind of type, and shape of a row."""
@@ -153,6 +154,22 @@ def few_shot_truth(
     groups = [str(count) for count in counts for _ in answers]
     times = len(counts)
     return truth_arrays(kind, [*answers] * times, [*clusters] * times, groups)
+
+
+class FoldedEvaluation(Evaluation):
+    """The test of a model that is trained anew for each fold of the test frames.
+
+    The weights of the run itself, which are timed, learned from all trials.
+    """
+
+    def predict(self) -> Predictions:
+        """Return the answers to the folds, each by a model that did not learn from it."""
+        answers: Answers = []
+        for fold, presses in zip(self.plan.frames.folds, self.test.sets, strict=True):
+            model, _ = train_model(self.plan.of_fold(fold), self.reporter)
+            with self.reporter.task("predict", len(presses)) as advance:
+                answers += predict_frames(model, presses.frames, self.rules, advance)[0]
+        return Predictions.of(answers, None, self.kind)
 
 
 class HardCaseEvaluation(Evaluation):

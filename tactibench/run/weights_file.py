@@ -67,7 +67,7 @@ class ComponentValues(_Strict):
 class BuildContext(_Strict):
     """The context in which a model is made (`ModelContext`)."""
 
-    answer: Literal["contacts", "plate"]
+    answer: Literal["contacts", "plate", "sites"]
     cells: tuple[Cells, Cells]
     origin_mm: tuple[float, float]
     pitch_mm: Positive
@@ -183,7 +183,7 @@ def open_weights(path: Path, *, device: str = "auto") -> tuple[Model, str]:
     """
     description, host = read_description(path), PluginHost()
     context, encoder = description.context, description.encoder
-    model: Model = description.model.bound(host.models).build(
+    model: Model = description.model.bound(host.models.for_answer(context.answer)).build(
         ModelContext(
             answer=context.answer,
             grid=Grid(context.cells, context.origin_mm, context.pitch_mm),
