@@ -59,13 +59,13 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/protocols": (1083, 5),
     "tactibench/records": (830, 7),
     "tactibench/report": (3141, 16),
-    "tactibench/run": (2387, 15),
+    "tactibench/run": (2389, 15),
     "tactibench/scaffold": (105, 2),
     "tactibench/stats": (328, 4),
     "tactibench/superposition": (1051, 5),
     "tactibench/sweep": (466, 3),
-    "tactibench/testing": (1197, 6),
-    "tactibench/training": (1237, 8),
+    "tactibench/testing": (1209, 6),
+    "tactibench/training": (1240, 8),
 }
 """Package -> most code lines, most modules. A row is lowered when a package shrinks."""
 LOADED = """

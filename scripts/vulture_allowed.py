@@ -54,3 +54,6 @@ made_with
 # Arguments that callers hand over: click's option, http.server's hook
 debug
 client_address
+# Fields of a metric, read by the names in FIELDS
+plate_sample
+site_sample

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.metadata import Distribution, EntryPoint, entry_points
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import pluggy
 
@@ -121,7 +121,7 @@ class Catalogue(Generic[SpecT]):
 
     def for_answer(self, answer: str) -> Catalogue[ModelSpec]:
         """Return a catalogue of models as they answer "contacts", "plate" or "sites"."""
-        models = cast("Catalogue[ModelSpec]", self)
+        models: Any = self
         of_sites = {spec.name: spec.of_sites or spec for spec in models if answer == "sites"}
         return replace(models, specs={**models.specs, **of_sites})
 

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from tactibench import __version__
-from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose
+from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose, Sites
 from tactibench.errors import UserError
 from tactibench.plugins import Model, ModelContext, PluginHost
 from tactibench.protocols import first_mistake
@@ -317,6 +317,8 @@ def _difference(one: Answer | None, other: Answer | None) -> float:
         return float(gaps.max(initial=0.0))
     if isinstance(one, PlatePose) and isinstance(other, PlatePose):
         return max(abs(one.depth - other.depth), abs(one.tilt - other.tilt))
+    if isinstance(one, Sites) and isinstance(other, Sites):
+        return float(np.abs(np.subtract(one.probability, other.probability)).max(initial=0.0))
     return 0.0 if one is other is None else float("inf")
 
 

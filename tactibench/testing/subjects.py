@@ -18,7 +18,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from tactibench.contacts import Answer, Contacts, Frame, Grid, Indenter, PlatePose, Pose, Scene
+from tactibench.contacts import (
+    Answer,
+    Contacts,
+    Frame,
+    Grid,
+    Indenter,
+    PlatePose,
+    Pose,
+    Scene,
+    Sites,
+)
 from tactibench.errors import (
     PluginError,
     UserError,
@@ -710,6 +720,8 @@ def _numbers(answer: Answer | None) -> npt.NDArray[np.float64]:
         return np.empty((0, 0))
     if isinstance(answer, PlatePose):
         return np.array([[answer.depth, answer.tilt]])
+    if isinstance(answer, Sites):
+        return np.array([answer.probability])
     return np.column_stack([answer.xy, answer.depth, answer.score])
 
 

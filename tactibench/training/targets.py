@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose, Pose
+from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose, Pose, Sites
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM, plate_from_contacts
 from tactibench.images import gray_frames
@@ -45,12 +45,14 @@ def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
     for row, true in zip(rows, truth, strict=True):
         if isinstance(true, PlatePose):
             row[:] = true.depth, true.tilt
-        elif len(true) > 1:
+            continue
+        assert isinstance(true, Contacts)  # noqa: S101 - named places have models of their own
+        if len(true) > 1:
             raise UserError(
                 f"model {model!r} answers one contact, but a training frame holds {len(true)}; "
                 "train it with --regime single or choose a heatmap model such as unet."
             )
-        elif len(true):
+        if len(true):
             row[:] = *true.xy[0], true.depth[0]
     return rows
 
@@ -257,6 +259,7 @@ class PlateScale:
         """Return the contact of a plate, at x = 20 mm * sin(tilt); contacts are not changed."""
         if isinstance(answer, Contacts):
             return answer
+        assert isinstance(answer, PlatePose)  # noqa: S101 - named places have no heatmap
         x = DOME_RADIUS_MM * math.sin(math.radians(answer.tilt))
         return Contacts.truth([[x, 0.0]], [answer.depth + self.offset])
 
@@ -292,7 +295,7 @@ def _positions(answer: Answer | None) -> np.ndarray:
 
     There are no rows for None.
     """
-    if answer is None:
+    if answer is None or isinstance(answer, Sites):
         return np.empty((0, 2))
     if isinstance(answer, PlatePose):
         return np.array([[DOME_RADIUS_MM * math.sin(math.radians(answer.tilt)), 0.0]])
