@@ -23,6 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 
 def _column(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
     array = np.array(values, dtype=np.float64)
+    if name == "depth" and array.size and np.isnan(array).all():  # not known
+        array.flags.writeable = False
+        return array.reshape(shape)
     if array.shape != shape:
         if array.size:
             raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
@@ -39,7 +42,7 @@ class Contacts:
 
     Attributes:
         xy: (N, 2) axis of each tip, mm.
-        depth: (N,) travel past first touch, mm.
+        depth: (N,) travel past first touch, mm; all NaN: not known.
         score: (N,) in 0..1, descending; truth has score 1.
         std: (N, 3) the model's own 1-sigma of x, y and depth, mm.
         force: (N, 3) force on the skin along x, y and z, N; None: not known. The part along the
@@ -76,11 +79,19 @@ class Contacts:
 
     @classmethod
     def truth(
-        cls, xy: npt.ArrayLike, depth: npt.ArrayLike, force: npt.ArrayLike | None = None
+        cls,
+        xy: npt.ArrayLike,
+        depth: npt.ArrayLike | None = None,
+        force: npt.ArrayLike | None = None,
     ) -> Contacts:
-        """Return contacts that are true rather than predicted: every score is 1."""
+        """Return contacts that are true rather than predicted: every score is 1.
+
+        Without depths they are not known, and NaN.
+        """
+        places = np.asarray(xy)
+        depths = np.full(len(places), np.nan) if depth is None else np.asarray(depth)
         known = None if force is None else np.asarray(force)
-        return cls(np.asarray(xy), np.asarray(depth), np.ones(np.size(depth)), force=known)
+        return cls(places, depths, np.ones(np.size(depths)), force=known)
 
     @classmethod
     def none(cls) -> Contacts:
@@ -89,6 +100,11 @@ class Contacts:
 
     def __len__(self) -> int:
         return len(self.depth)
+
+    @property
+    def knows_depth(self) -> bool:
+        """Whether the depths are known; those of no contact are."""
+        return not np.isnan(self.depth).any()
 
     def top(self, count: int) -> Contacts:
         """Return the ``count`` contacts with the highest scores."""
@@ -231,7 +247,8 @@ class Pose:
         yaw: Turn about z, deg.
         tilt: Angle to z, deg.
         depth: Travel past the indenter's first touch, mm: the tip that touches first has this
-            depth, the others less. A plate's depth is measured along its own normal.
+            depth, the others less. A plate's depth is measured along its own normal. NaN: it
+            touches, and nobody knows how deep.
         dx: Travel along x after first touch, to its present place, mm.
         dy: Travel along y after first touch, mm.
         dyaw: Turn about z after first touch, deg.
@@ -280,7 +297,7 @@ class Workspace:
     Attributes:
         half_width_mm: Largest x and y in either direction, mm.
         depth_min_mm: Smallest depth of a tip, mm.
-        depth_max_mm: Largest depth of a tip, mm.
+        depth_max_mm: Largest depth of a tip, mm; both NaN where depths are not known.
         dome_radius_mm: Radius of the touched surface, mm; inf where it is flat.
     """
 
@@ -292,6 +309,8 @@ class Workspace:
     def __str__(self) -> str:
         shape = "flat" if math.isinf(self.dome_radius_mm) else f"dome of {self.dome_radius_mm:g} mm"
         depths = f"{self.depth_min_mm:.3g} to {self.depth_max_mm:.3g} mm deep"
+        if math.isnan(self.depth_max_mm):
+            depths = "depth not known"
         return f"x and y within {self.half_width_mm:.3g} mm, {depths}, {shape}"
 
 

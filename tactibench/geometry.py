@@ -121,7 +121,7 @@ def true_contacts(
         xy, deep = [plate_contact_xy(scene, dome_radius)], scene.pose.depth
         return Contacts.truth(xy, [deep], force) if deep > 0 else Contacts.none()
     depth = tip_depths(scene, dome_radius)
-    touching = depth > 0
+    touching = ~(depth <= 0)  # also where the depth is not known, NaN
     return Contacts.truth(tip_positions(scene)[touching, :2], depth[touching], force)
 
 

@@ -39,6 +39,18 @@ def _unpack(arrays: Arrays, answer: str) -> list[Answer]:
     return [label for label in unpack(arrays, answer) if label is not None]
 
 
+def _pack(frames: Sequence[Frame], truth: Sequence[Answer], answer: str) -> Arrays:
+    """Return packed labels; only channels are asked for the force."""
+    labels = pack(truth, answer)
+    if not holds_channels(frames):
+        labels.pop("force", None)
+    return labels
+
+
+def _force(labels: Arrays) -> npt.NDArray[np.float64]:
+    return np.asarray(np.linalg.norm(labels["force"], axis=1))
+
+
 def _read(path: Path, answer: str, *names: str) -> Arrays:
     """Read labels and other arrays from a file. Nothing is unpickled.
 
@@ -52,7 +64,7 @@ def _read(path: Path, answer: str, *names: str) -> Arrays:
             kind.
     """
     expected, arrays = {*names, *pack((), answer)}, read_arrays(path)
-    if set(arrays) != expected:
+    if set(arrays) - {"force"} != expected:
         raise UserError(
             f"{path} holds {', '.join(sorted(arrays))}, but a model that answers {answer!r} needs "
             f"{', '.join(sorted(expected))}; train again."
@@ -94,7 +106,7 @@ class MeanModel(Model):
         start = time.perf_counter()
         if not len(truth):
             raise UserError("model 'mean' needs a training label; raise the training count.")
-        labels = pack(truth, self._answer_kind)
+        labels = _pack(frames, truth, self._answer_kind)
         if self._answer_kind == "plate":
             depth, tilt = labels["plate_depth"].mean(), labels["plate_tilt"].mean()
             self._mean = PlatePose(float(depth), float(tilt))
@@ -105,7 +117,9 @@ class MeanModel(Model):
         elif not len(labels["depth"]):
             self._mean = Contacts.none()
         else:
-            self._mean = Contacts.truth([labels["xy"].mean(axis=0)], [labels["depth"].mean()])
+            force = [[0.0, 0.0, -_force(labels).mean()]] if "force" in labels else None
+            place, depth = [labels["xy"].mean(axis=0)], [labels["depth"].mean()]
+            self._mean = Contacts.truth(place, depth, force)
         return FitReport(
             seconds=time.perf_counter() - start, notes={"frames": len(frames)}, prior="none"
         )
@@ -178,7 +192,7 @@ class NearestModel(Model):
                 f"model 'nearest' was given {len(frames)} training frames and {len(truth)} labels; "
                 "raise the training count."
             )
-        self._truth = _unpack(pack(truth, self._answer_kind), self._answer_kind)
+        self._truth = _unpack(_pack(frames, truth, self._answer_kind), self._answer_kind)
         self._minus_rest = all(frame.rest is not None for frame in frames)
         self._scale = _NO_SCALE
         if holds_channels(frames):

@@ -37,7 +37,7 @@ import numpy.typing as npt
 
 from tactibench import Answer, Contacts, Frame, UserError, channel_vectors, holds_channels
 from tactibench.markers import BySensor, PinTracker, common_lattice, common_view, rest_images
-from tactibench.training import answers_from_vectors, pack_image, unpack_image
+from tactibench.training import answer_vectors, answers_from_vectors, pack_image, unpack_image
 
 Array = npt.NDArray[np.float64]
 
@@ -308,12 +308,20 @@ def find_reader(frames: Sequence[Frame], targets: Array, transfers: bool) -> Rea
                 "channels of one sensor say nothing of another's; train and test on one sensor."
             )
         return Channels.of(frames)
-    depth = targets[:, 0] if targets.shape[1] == 2 else targets[:, -1]
+    depth = targets[:, 0] if targets.shape[1] == 2 else targets[:, 2]
     if len(rest_images(frames)) > 1:
         first = next(frame for frame in frames if frame.rest is not None)
         return LatticePins(PinTracker.of([first]))
     pins = PinTracker.of(frames, otherwise=frames[int(np.argmin(depth))])
     return LatticePins(pins) if transfers else OwnPins(pins)
+
+
+def known_targets(
+    frames: Sequence[Frame], truth: Sequence[Answer], answer: str, model: str
+) -> Array:
+    """Return the targets (N, T) of frames, see ``answer_vectors``; channels may tell the force."""
+    force = answer == "contacts" and holds_channels(frames)
+    return answer_vectors(truth, answer, model, force=force)
 
 
 def restored_reader(extra: Mapping[str, Any]) -> Reader | None:

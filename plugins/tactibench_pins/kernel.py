@@ -20,7 +20,6 @@ from tactibench import Answer, FitReport, Frame, Model, ModelContext, Progress, 
 from tactibench.training import (
     ANSWER_WIDTH,
     Normalisation,
-    answer_vectors,
     load_weights,
     regression_rows,
     save_weights,
@@ -34,6 +33,7 @@ from tactibench_pins.displacements import (
     contact_threshold,
     displacements,
     find_reader,
+    known_targets,
     read_answers,
     restored_reader,
     rms_displacement,
@@ -152,7 +152,7 @@ def kernel_weights(gram: Array, targets: Array, setting: Setting) -> Array:
     plain = cho_solve(cho_factor(_loaded(gram, np.full(count, setting.ridge))), targets)
     columns = []
     for alpha, target in zip(plain.T, targets.T, strict=True):
-        for _ in range(setting.rounds):
+        for _ in range(setting.rounds if target.any() else 0):  # all 0: not known
             residual = np.maximum(np.abs(target - gram @ alpha), _SMALLEST)
             load = setting.ridge * residual / residual.mean()
             alpha = cho_solve(cho_factor(_loaded(gram, load)), target)
@@ -364,5 +364,5 @@ class Kernel(Model):
         self, frames: Sequence[Frame], truth: Sequence[Answer]
     ) -> tuple[list[Frame], Array]:
         rows = regression_rows(truth, self.context.answer, self.name)
-        targets = answer_vectors(truth, self.context.answer, self.name)[rows]
+        targets = known_targets(frames, truth, self.context.answer, self.name)[rows]
         return [frames[row] for row in rows], targets

@@ -53,6 +53,7 @@ from tactibench_pins.displacements import (
     contact_threshold,
     displacements,
     find_reader,
+    known_targets,
     read_answers,
     restored_reader,
 )
@@ -269,7 +270,8 @@ def _choose_kernel(targets: Array, moved: Array) -> tuple[Array, float]:
         moved: (N, C) channels less their mean.
     """
     count = targets.shape[1]
-    choices = [*([_LENGTHS] * count), _NOISES]
+    lengths = [_LENGTHS if np.ptp(column) > 0 else (1.0,) for column in targets.T]
+    choices = [*lengths, _NOISES]
     best = np.array([1.0] * count + [1e-3])
     least = np.inf
     for _, (number, values) in product(range(_ROUNDS), enumerate(choices)):
@@ -353,7 +355,7 @@ class Pins(LearnedModel):
     def build(self) -> Members:
         shape = self.architecture
         hidden = [shape["width"]] * _LAYERS
-        sizes = [self._components, *hidden, ANSWER_WIDTH[self.context.answer]]
+        sizes = [self._components, *hidden, len(self._scale.mean)]
         return Members(
             self._size, sizes, shape["members"], self._reader is not None and self._reader.polar
         )
@@ -362,7 +364,7 @@ class Pins(LearnedModel):
         return regression_rows(truth, self.context.answer, self.name)
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
-        targets = answer_vectors(truth, self.context.answer, self.name)
+        targets = known_targets(frames, truth, self.context.answer, self.name)
         self._scale = Normalisation.of(targets)
         self._reader = find_reader(frames, targets, self.context.transfers)
         self._size = self._reader.size
@@ -399,8 +401,12 @@ class Pins(LearnedModel):
         return torch.from_numpy(displacements(self._reader, frames, self.name)).float()
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        targets = answer_vectors(truth, self.context.answer, self.name)
+        targets = self._vectors(truth)
         return torch.from_numpy(self._scale.apply(targets)).float()
+
+    def _vectors(self, truth: Sequence[Answer]) -> Array:
+        force = len(self._scale.mean) > ANSWER_WIDTH[self.context.answer]
+        return answer_vectors(truth, self.context.answer, self.name, force=force)
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
         return (outputs[..., :-1] - targets[:, None]).abs().mean()
@@ -426,7 +432,7 @@ class Pins(LearnedModel):
         rows = self.usable_rows(truth)
         if not len(rows):
             return {"frames": 0}
-        targets = self._scale.apply(answer_vectors(truth, self.context.answer, self.name)[rows])
+        targets = self._scale.apply(self._vectors(truth)[rows])
         features, raw, _ = self._features([frames[row] for row in rows])
         self._correction = Correction.fit(features, targets - raw)
         return {"frames": len(rows), "ridge": list(self._correction.ridges)}

@@ -40,8 +40,9 @@ MOVE_KEYS = ("dx_mm", "dy_mm", "dyaw_deg")
 class SceneKeys:
     """The keys of a scene: indenter and pose.
 
-    A plate has no indenter_radius_mm, and a pose that did not move sideways has no dx_mm, dy_mm,
-    dyaw_deg. A sample without a scene has none of the keys.
+    A plate has no indenter_radius_mm, a tip of which nobody knows how deep it pressed no depth_mm,
+    and a pose that did not move sideways no dx_mm, dy_mm, dyaw_deg. A sample without a scene has
+    none of the keys.
     """
 
     indenter: str | None = None
@@ -66,12 +67,13 @@ class SceneKeys:
             UserError: A key of the scene is missing, or its indenter cannot exist.
         """
         values = {key: getattr(self, key) for key in POSE_KEYS}
+        unknown = () if self.indenter_radius_mm is None else ("depth_mm",)  # not of a plate
         moves = (self.dx_mm, self.dy_mm, self.dyaw_deg)
         if self.indenter is None:
             if any(value is not None for value in (*values.values(), *moves)):
                 raise UserError(f"{where}: a pose needs the key 'indenter'; add it.")
             return None
-        missing = [key for key, value in values.items() if value is None]
+        missing = [key for key, v in values.items() if v is None and key not in unknown]
         if missing:
             raise UserError(f"{where}: the key {missing[0]!r} is missing; add it.")
         radius = math.inf if self.indenter_radius_mm is None else self.indenter_radius_mm
@@ -79,7 +81,8 @@ class SceneKeys:
             indenter = Indenter(radius, self.indenter_offsets_mm, self.indenter)
         except ValueError as error:
             raise UserError(f"{where}: {error}; fix it.") from None
-        return Scene(indenter, Pose(*values.values(), *(move or 0.0 for move in moves)))
+        place = (math.nan if value is None else value for value in values.values())
+        return Scene(indenter, Pose(*place, *(move or 0.0 for move in moves)))
 
 
 def scene_keys(scene: Scene) -> dict[str, Any]:
@@ -93,7 +96,7 @@ def scene_keys(scene: Scene) -> dict[str, Any]:
         "y_mm": float(pose.y),
         "yaw_deg": float(pose.yaw),
         "tilt_deg": float(pose.tilt),
-        "depth_mm": float(pose.depth),
+        **({} if math.isnan(pose.depth) else {"depth_mm": float(pose.depth)}),
         **(
             dict(zip(MOVE_KEYS, map(float, (pose.dx, pose.dy, pose.dyaw)), strict=True))
             if pose.moved
@@ -149,7 +152,8 @@ def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
     if contacts is not None:
         row["n_contacts"] = len(contacts)
         row["contacts_xy_mm"] = contacts.xy.tolist()
-        row["contacts_depth_mm"] = contacts.depth.tolist()
+        if contacts.knows_depth:
+            row["contacts_depth_mm"] = contacts.depth.tolist()
         if contacts.force is not None:
             row["contacts_force_n"] = contacts.force.tolist()
     row |= {key: value for key in ("labels", "extra") if (value := dict(getattr(sample, key)))}

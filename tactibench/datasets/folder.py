@@ -11,7 +11,7 @@ from tactibench.contacts import Signal
 from tactibench.datasets.dataset import Dataset, open_dataset
 from tactibench.datasets.formats import read_frames, recording_folder
 from tactibench.datasets.options import ImportOptions
-from tactibench.datasets.recording import SOURCE_NAME, Recording, read_dataset
+from tactibench.datasets.recording import SOURCE_NAME, Recording, prepare_channels, read_dataset
 from tactibench.datasets.schema import ChannelKind, Draft, Header, is_dataset
 from tactibench.datasets.vectors import read_vectors
 from tactibench.datasets.writer import Writer, is_plain_png, new_folder
@@ -35,7 +35,7 @@ def open_recording(folder: Path, options: ImportOptions | None = None) -> Record
     options = options or ImportOptions()
     folder = recording_folder(folder)
     if options.channels:
-        return read_vectors(folder, options)
+        return prepare_channels(read_vectors(folder, options))
     return read_dataset(folder) if is_dataset(folder) else read_frames(folder, options)
 
 
@@ -68,7 +68,7 @@ def import_folder(
         new_folder(target, recording.folder) as folder,
         Writer(folder, _header(recording, options), fsync=False) as writer,
     ):
-        rest = recording.rest_image()  # its error names a file that cannot be decoded
+        rest = recording.rest_signal()  # its error names a file that cannot be decoded
         if rest is not None:
             data = b"" if recording.rest is None else read_file(recording.rest)
             copied = is_plain_png(data) and recording.view is None
@@ -125,6 +125,7 @@ def _draft(recording: Recording, row: int) -> Draft:
         recording.presses[row],
         session=recording.sessions[row] if recording.sessions else "",
         extra={**extra, SOURCE_NAME: recording.names[row]},
+        contacts_force_n=recording.forces[row],
     )
 
 

@@ -23,13 +23,15 @@ import numpy.typing as npt
 from tactibench.datasets.labels import (
     CONTACT_COLUMNS,
     choose_indenter,
+    normal_forces,
     role_columns,
     scenes_of,
+    signed_column,
     tip_columns,
 )
 from tactibench.datasets.options import AUTO, FRAME_FOLDERS, NONE, REFUSE, ImportOptions
 from tactibench.datasets.recording import FloatArray, Recording, prepare_frames
-from tactibench.datasets.schema import is_dataset
+from tactibench.datasets.schema import Forces, is_dataset
 from tactibench.datasets.tables import Table, read_table
 from tactibench.errors import UserError
 from tactibench.png import ImageKind, check_png, read_file
@@ -266,11 +268,16 @@ def read_labels(
     roles = role_columns(options, indenter, labels, table.path)
     scenes = scenes_of(labels, roles, options, indenter, table.path)
     presses = read_presses(table, options) or names
+    forces: Sequence[Forces | None] = [None] * len(names)
+    if scenes is not None and "force" in roles:
+        newtons = signed_column(labels, roles["force"])
+        forces = normal_forces(scenes, newtons, options.surface_radius_mm)
     return {
         "names": tuple(names[row] for row in rows),
         "labels": {column: values[rows] for column, values in labels.items()},
         "scenes": tuple(None if scenes is None else scenes[row] for row in rows),
         "presses": tuple(presses[row] for row in rows),
+        "forces": tuple(forces[row] for row in rows),
         "columns": {"name": name, **roles} if name else roles,
         "extra": {
             column: tuple(map(str, table.cells[column].iloc[list(rows)]))

@@ -25,6 +25,7 @@ from tactibench.datasets.options import (
     TRIPLE,
     ImportOptions,
 )
+from tactibench.datasets.schema import Forces
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM, scene_of_contacts, tip_depths, tip_positions
 
@@ -133,7 +134,7 @@ def own_workspace(
     radius = DOME_RADIUS_MM if dome_radius_mm is None else dome_radius_mm
     tips = [scene for scene in scenes if not scene.indenter.is_plate]
     depths = np.concatenate([np.empty(0), *(tip_depths(scene, radius) for scene in tips)])
-    depths = depths[depths > 0]
+    depths = depths[~(depths <= 0)]  # those that are not known, NaN, stay
     if not (always or math.isinf(radius)) or not len(depths):
         return None
     reach = max(float(np.abs(tip_positions(scene)[:, :2]).max()) for scene in tips)
@@ -167,12 +168,14 @@ def role_columns(
 
     Raises:
         UserError: A column is missing, or the depth never changes while other lengths do: it is
-            the wrong column.
+            the wrong column. A tip's depth may be missing where no column of it was named: it is
+            not known.
     """
     if indenter == NONE:
         return {}
     columns = tuple(labels)
     if indenter != PLATE:
+        unknown = options.depth == AUTO and "depth_mm" not in columns and indenter != TIPS
         depth = "depth_mm" if options.depth == AUTO else options.depth
         return {
             role: ",".join(
@@ -180,6 +183,7 @@ def role_columns(
                 for name in texts(text)
             )
             for role, text in tip_roles(replace(options, depth=depth), indenter).items()
+            if not (unknown and role == "depth")
         }
     depth = "pose_2" if options.depth == AUTO else options.depth
     tilt = "pose_6" if options.tilt == AUTO else options.tilt
@@ -237,6 +241,10 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
         UserError: A pair or a triangle has no spacing, or lists of columns have wrong lengths.
     """
     roles = {"x": options.x, "y": options.y, "depth": options.depth}
+    if options.force and indenter != SINGLE:
+        raise UserError(
+            f"force names the force of one tip, but indenter={indenter} has several; leave it out."
+        )
     lengths = {role: len(texts(text)) for role, text in roles.items()}
     if set(lengths.values()) != {1} and (indenter != TIPS or len(set(lengths.values())) > 1):
         counts = ", ".join(f"{count} for {role}" for role, count in lengths.items())
@@ -245,6 +253,8 @@ def tip_roles(options: ImportOptions, indenter: str) -> dict[str, str]:
             f"indenter={indenter} needs {needs}, but got {counts}; name several, separated by "
             "commas, with indenter=tips alone."
         )
+    if options.force:
+        roles["force"] = options.force
     if indenter in (DUAL, TRIPLE):
         if not options.spacing:
             raise UserError(
@@ -271,9 +281,9 @@ def tip_columns(options: ImportOptions, indenter: str) -> tuple[set[str], set[st
     if indenter not in (*TIP_COUNT, TIPS):
         return set(), set()
     roles = tip_roles(options, indenter)
-    always = () if indenter == TIPS else ("x", "y", "depth")
+    always = () if indenter == TIPS else ("x", "y", "depth", "force")
     columns = {name for text in roles.values() for name in named(text)}
-    return columns, columns - {name for role in always for name in named(roles[role])}
+    return columns, columns - {name for role in always for name in named(roles.get(role, ""))}
 
 
 def tip_scenes(
@@ -285,9 +295,10 @@ def tip_scenes(
 ) -> tuple[Scene, ...]:
     """Return the scene of every row.
 
-    A row of a pair or a triangle without a spacing was pressed by one tip; a list of contacts has
-    as many as its filled cells. In a list every tip has its own depth; the depth of the other
-    indenters belongs to the tip that touches first.
+    A row without force touches nothing. A depth that is not known is NaN, but 0 where nothing is
+    touched. A row of a pair or a triangle without a spacing was pressed by one tip; a list of
+    contacts has as many as its filled cells. In a list every tip has its own depth; the depth of
+    the other indenters belongs to the tip that touches first.
 
     Args:
         labels: Column -> (N,) values.
@@ -312,7 +323,12 @@ def tip_scenes(
         )
 
     x, y = lengths("x", options.x_zero_mm), lengths("y", options.y_zero_mm)
-    depth = lengths("depth") + options.offset_mm
+    depth = np.full((count, 1), np.nan)
+    if "depth" in columns:
+        depth = lengths("depth") + options.offset_mm
+    if "force" in columns:
+        resting = signed_column(labels, columns["force"]) <= 0
+        depth[resting & ~(depth[:, 0] <= 0)] = 0.0
     if indenter == TIPS:
         return tuple(
             _list_scene(*row, options, f"{table} row {number}")
@@ -344,6 +360,25 @@ def tip_scenes(
         indenter_there = _holder(indenter, float(spacing[row]), heights[row], options.radius_mm)
         scenes.append(Scene(indenter_there, Pose(px, py, float(yaw[row]), depth=d)))
     return tuple(scenes)
+
+
+def normal_forces(
+    scenes: Sequence[Scene], force: FloatArray, dome_radius_mm: float
+) -> tuple[Forces, ...]:
+    """Return the force on the skin of the contact of every scene; () where nothing is touched.
+
+    Args:
+        scenes: Presses by one spherical tip.
+        force: (N,) normal forces, N; a tip pushes the skin along the line to the dome's centre.
+        dome_radius_mm: Radius of the surface, inf where it is flat.
+    """
+    forces: list[Forces] = []
+    for scene, newton in zip(scenes, force.tolist(), strict=True):
+        pose, reach = scene.pose, dome_radius_mm + scene.indenter.radius
+        x, y = pose.x / reach, pose.y / reach
+        z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
+        forces.append(() if pose.depth <= 0 else ((-newton * x, -newton * y, -newton * z),))
+    return tuple(forces)
 
 
 def _holder(indenter: str, spacing: float, heights: FloatArray, radius: float) -> Indenter:

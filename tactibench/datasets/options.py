@@ -127,7 +127,13 @@ class ImportOptions:
     y: str = _option("y_mm", "column of y, likewise")
     x_zero_mm: float = _option(0.0, "x of the sensor's middle in that column", **_MM)
     y_zero_mm: float = _option(0.0, "y of the sensor's middle in that column", **_MM)
-    depth: str = _option(AUTO, "column of the depth; auto: pose_2 of a plate, depth_mm of a tip")
+    depth: str = _option(
+        AUTO,
+        "column of the depth; auto: pose_2 of a plate, depth_mm of a tip, not known without it",
+    )
+    force: str = _option(
+        "", "column of the normal force of a tip, N, where it was measured; 0: it touches nothing"
+    )
     spacing: str = _option(
         "", "column, or mm for all: distance of two tips, side of a triangle; empty cell: one tip"
     )

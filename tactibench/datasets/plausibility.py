@@ -156,6 +156,14 @@ def _check_tips(
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
     deep = depth[rows]
+    if np.isnan(deep).any():
+        rows = rows[np.isnan(deep)]  # the others touch nothing
+        places = np.column_stack([x, y])[rows]
+        presses = np.array(recording.presses)[rows]
+        facts.append("the depth is not known: not checked")
+        if channels:
+            wrong += _unlike(_deviations(recording, rows), places, presses, facts)
+        return LabelReport(len(rows), tuple(facts), tuple(wrong))
     touching = deep > 0
     rank = _rank_correlation(moved[touching], deep[touching])
     noun = "channels" if channels else "pins"
@@ -230,7 +238,7 @@ def _cached(
 def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
     wrong = []
     deepest, widest = float(depth.max()), float(max(np.abs(x).max(), np.abs(y).max()))
-    if not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
+    if not math.isnan(deepest) and not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
         wrong.append(
             f"the deepest press would be {deepest:.3g} mm deep: check the column of the depth, its "
             "sign, its zero (offset_mm) and its unit"

@@ -5,6 +5,7 @@ Pins are cut out of raw pictures, and a rest frame that is missing is estimated.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,7 @@ from tactibench.contacts import Scene, Signal, Sites
 from tactibench.datasets.dataset import Dataset, Image, open_dataset
 from tactibench.datasets.labels import role_columns, scenes_of
 from tactibench.datasets.options import AS_IS, AUTO, PLATE, ImportOptions
-from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Sample
+from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Forces, Sample
 from tactibench.errors import UserError
 from tactibench.images import gray
 from tactibench.markers import PinView, find_pin_view, is_raw
@@ -76,6 +77,7 @@ class Recording:
         sites: Labels that say which named places are touched.
         sessions: Session in which every frame was recorded; () where no session is known.
         sha256: Hash over the table and the frames.
+        forces: Forces of the contacts of every frame, N; None where they are not known.
         columns: Role, such as "depth" -> column.
         extra: Other columns -> (N,) texts.
         about: Name of a file beside the table -> its content; of a data set, its source.
@@ -102,6 +104,7 @@ class Recording:
     scenes: tuple[Scene | None, ...]
     presses: tuple[str, ...]
     sha256: str
+    forces: tuple[Forces | None, ...] = field(repr=False)
     columns: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
@@ -110,7 +113,7 @@ class Recording:
     values: npt.NDArray[np.float32] | None = field(default=None, repr=False)
     signal_names: tuple[str, ...] = ()
     view: PinView | None = None
-    estimated_rest: Image | None = field(default=None, repr=False)
+    estimated_rest: Signal | None = field(default=None, repr=False)
     dataset: Dataset | None = None
     rows: tuple[int, ...] = ()
     sites: tuple[str, ...] = ()
@@ -133,8 +136,7 @@ class Recording:
 
     def force(self, row: int) -> FloatArray | None:
         """Return the (K, 3) forces of the contacts of a frame, N; None: not recorded."""
-        sample = None if self.dataset is None else self.dataset.samples[self.rows[row]]
-        known = None if sample is None else sample.contacts_force_n
+        known = self.forces[row]
         return None if known is None else np.array(known, dtype=np.float64).reshape(-1, 3)
 
     def signal(self, row: int) -> Signal:
@@ -255,6 +257,7 @@ def read_dataset(folder: Path) -> Recording:
         },
         scenes=tuple(sample.scene for sample in samples),
         presses=tuple(sample.press for sample in samples),
+        forces=tuple(sample.contacts_force_n for sample in samples),
         sha256=dataset.sha256,
         about=dict(header.source),
         dome_radius_mm=header.dome_radius_mm,
@@ -313,6 +316,25 @@ def prepare_frames(recording: Recording, light: str) -> Recording:
             f"no frame of the undeformed sensor in {recording.frames.name}: models that follow "
             "pins from the rest layout cannot be run on it (add one as init_0.png)."
         )
+    return replace(recording, notes=tuple(notes))
+
+
+def prepare_channels(recording: Recording) -> Recording:
+    """Return a recording of channels with the signal at rest, where rows touch nothing.
+
+    A note says what is not known: the depth, where no column states it.
+    """
+    notes, scenes = list(recording.notes), [scene for scene in recording.scenes if scene]
+    if any(math.isnan(scene.pose.depth) for scene in scenes):
+        notes.append("depth is not known: no column was named (--param depth=COLUMN).")
+    resting = [row for row, s in enumerate(recording.scenes) if s is not None and s.pose.depth <= 0]
+    if resting:
+        text = f"{len(resting):,} rows touch nothing"
+        if recording.values is not None and len(resting) >= _FEWEST:
+            rest = np.median(recording.values[resting], axis=0)
+            recording = replace(recording, estimated_rest=rest.astype(np.float32))
+            text += "; the sensor at rest is their median"
+        notes.append(f"{text}.")
     return replace(recording, notes=tuple(notes))
 
 

@@ -6,6 +6,7 @@ source: drawn presses, reference scenes, hard cases, a recording, and another se
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -193,6 +194,11 @@ class FramePlan:
     def count(self, role: str) -> int:
         """Return how many frames have a role."""
         return sum(len(frames.scenes) for frames in self if frames.role == role)
+
+    @property
+    def knows_depth(self) -> bool:
+        """Return whether the depth of every press is known."""
+        return not any(math.isnan(scene.pose.depth) for frames in self for scene in frames.scenes)
 
     def on_range(self, spec: Protocol) -> Protocol:
         """Return a protocol in the range of the training sensor."""

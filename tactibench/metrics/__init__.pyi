@@ -4,6 +4,7 @@ from .detection import gospa_per_frame as gospa_per_frame
 from .detection import sensitivity as sensitivity
 from .hard_cases import ospa as ospa
 from .position import AXES as AXES
+from .position import FORCE as FORCE
 from .position import PUBLISHED_NAMES as PUBLISHED_NAMES
 from .registry import all_metrics as all_metrics
 from .registry import check_metrics as check_metrics

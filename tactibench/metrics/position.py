@@ -12,11 +12,12 @@ published table that has some of these frames, named after the table.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.contacts import Contacts
 from tactibench.errors import UserError
@@ -47,6 +48,8 @@ from tactibench.stats import (
 )
 
 AXES = ("x", "y", "z")
+FORCE = "force_mae_n"
+"""Metric that is computed wherever truth and answers know forces."""
 
 
 def top_answers(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -77,10 +80,14 @@ def _first(contacts: Contacts) -> tuple[float, float, float]:
 
 
 def mae(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Yield the MAE of each axis and their mean."""
+    """Yield the MAE of each axis and their mean; an axis that is not known has no value."""
     true, predicted, trial = top_answers(trials)
-    for axis, error in _columns(np.abs(predicted - true)):
-        yield axis, positive_mean_interval(error, trials.press[trial], level=trials.level)
+    error, press = np.abs(predicted - true), trials.press[trial]
+    known = _known(error)
+    for column, axis in enumerate(AXES):
+        values = error[:, column][np.repeat(known[column], len(error))]
+        yield axis, positive_mean_interval(values, press[: len(values)], level=trials.level)
+    yield "mean", positive_mean_interval(_mean(error), press, level=trials.level)
 
 
 def rmse(trials: Trials, _rng: np.random.Generator) -> Rows:
@@ -91,9 +98,11 @@ def rmse(trials: Trials, _rng: np.random.Generator) -> Rows:
     true, predicted, trial = top_answers(trials)
     squares = (predicted - true) ** 2
     press = trials.press[trial]
+    known = _known(squares)
     for column, axis in enumerate(AXES):
-        yield axis, rms_interval(squares[:, column], press, level=trials.level)
-    yield "mean", _mean_of_roots(squares, press, trials.level)
+        values = squares[:, column][np.repeat(known[column], len(squares))]
+        yield axis, rms_interval(values, press[: len(values)], level=trials.level)
+    yield "mean", _mean_of_roots(squares[:, known], press, trials.level)
 
 
 def _mean_of_roots(squares: FloatArray, press: Labels, level: float) -> Estimate:
@@ -102,7 +111,7 @@ def _mean_of_roots(squares: FloatArray, press: Labels, level: float) -> Estimate
     roots = np.sqrt(squares.mean(axis=0))
     value = float(roots.mean())
     # d sqrt(m) = d m / (2 sqrt(m)); an axis without any error contributes none
-    slope = np.divide(0.5, roots, out=np.zeros_like(roots), where=roots > 0) / len(AXES)
+    slope = np.divide(0.5, roots, out=np.zeros_like(roots), where=roots > 0) / len(roots)
     linear = positive_mean_interval(value + (squares - roots**2) @ slope, press, level=level)
     return Estimate(value, linear.low, linear.high, linear.n, linear.clusters)
 
@@ -110,13 +119,14 @@ def _mean_of_roots(squares: FloatArray, press: Labels, level: float) -> Estimate
 def r2(trials: Trials, rng: np.random.Generator) -> Rows:
     """Yield R^2 of each axis and their mean, with BCa intervals over presses.
 
-    There is no value for a constant target.
+    There is no value for a constant target, or one that is not known.
     """
     true, predicted, trial = top_answers(trials)
     codes, clusters = cluster_codes(trials.press[trial], len(trial))
-    columns = [(axis, [i]) for i, axis in enumerate(AXES)] + [("mean", [0, 1, 2])]
+    known = np.flatnonzero(_known(predicted - true)).tolist()
+    columns = [(axis, [i] if i in known else []) for i, axis in enumerate(AXES)] + [("mean", known)]
     for axis, use in columns:
-        if not len(trial) or (np.ptp(true[:, use], axis=0) == 0).any():
+        if not len(trial) or not use or (np.ptp(true[:, use], axis=0) == 0).any():
             yield axis, Estimate(None, None, None, len(trial), clusters)
             continue
         statistic = r_squared(true[:, use], predicted[:, use], codes, clusters)
@@ -171,22 +181,26 @@ def _matched_errors(
     return pairs.error[inside], bound[inside], pairs.trial[inside]
 
 
-def _columns(errors: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    for column, axis in enumerate(AXES):
-        yield axis, errors[:, column]
-    yield "mean", errors.mean(axis=1)
+def _known(errors: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return (3,) whether truth and answers know an axis; x and y are always known."""
+    return np.asarray(~np.isnan(errors).any(axis=0))
+
+
+def _mean(errors: FloatArray) -> FloatArray:
+    """Return the mean (n,) of errors (n, 3) over the axes that are known."""
+    return np.asarray(errors[:, _known(errors)].mean(axis=1), dtype=np.float64)
 
 
 def axis_mean_errors(trials: Trials) -> Sample:
-    """Return the absolute error averaged over the axes, mm, one value per answered frame."""
+    """Return the absolute error averaged over known axes, mm, one value per answered frame."""
     true, predicted, trial = top_answers(trials)
-    return Sample(np.abs(predicted - true).mean(axis=1), trial)
+    return Sample(_mean(np.abs(predicted - true)), trial)
 
 
 def axis_mean_squares(trials: Trials) -> Sample:
-    """Return the squared error averaged over the axes, mm^2, one value per answered frame."""
+    """Return the squared error averaged over known axes, mm^2, one value per answered frame."""
     true, predicted, trial = top_answers(trials)
-    return Sample(((predicted - true) ** 2).mean(axis=1), trial)
+    return Sample(_mean((predicted - true) ** 2), trial)
 
 
 def gated_distances(trials: Trials) -> Sample:
@@ -203,6 +217,19 @@ def depth_errors(trials: Trials) -> Sample:
     """Return |p - t| of the depth of every pair inside the gate, mm."""
     pairs = trials.matched
     return Sample(np.abs(pairs.predicted_depth - pairs.true_depth), pairs.trial)
+
+
+def force_errors(trials: Trials) -> Sample:
+    """Return | |p| - |t| | of the force of every pair of the assignment without a gate, N."""
+    pairs = trials.ungated
+    errors = [
+        np.nan
+        if (true := trials.truth[i].force) is None
+        or (predicted := trials.predictions[i].force) is None
+        else abs(float(np.linalg.norm(predicted[j]) - np.linalg.norm(true[k])))
+        for i, k, j in zip(pairs.trial, pairs.truth, pairs.prediction, strict=True)
+    ]
+    return Sample(np.array(errors, dtype=np.float64), pairs.trial)
 
 
 def plate_errors(trials: PlateTrials, field: str) -> Sample:
@@ -314,14 +341,14 @@ SPECS = (
         "",
         "higher",
         "1 - sum (p - t)^2 / sum (t - mean t)^2 per axis; mean: of the "
-        "three; top-scored prediction, ungated",
+        "known ones; top-scored prediction, ungated",
         r2,
     ),
     MetricSpec(
         "mae_mm",
         "mm",
         "lower",
-        "mean |p - t| per axis; mean: of the three; top-scored prediction, ungated",
+        "mean |p - t| per axis; mean: of the known ones; top-scored prediction, ungated",
         mae,
         sample=axis_mean_errors,
     ),
@@ -329,7 +356,7 @@ SPECS = (
         "rmse_mm",
         "mm",
         "lower",
-        "sqrt(mean (p - t)^2) per axis; mean: of the three; top-scored prediction, ungated",
+        "sqrt(mean (p - t)^2) per axis; mean: of the known ones; top-scored prediction, ungated",
         rmse,
     ),
     mean_metric(
@@ -373,6 +400,15 @@ SPECS = (
         depth_errors,
         plates=plate_rows(plate_depth_errors, positive_mean_interval),
         plate_sample=plate_depth_errors,
+        needs_depth=True,
+    ),
+    mean_metric(
+        FORCE,
+        "N",
+        "lower",
+        "mean | |p_force| - |t_force| | over the pairs of the minimum-cost assignment without a "
+        "gate, where truth and answer know the force",
+        force_errors,
     ),
     mean_metric(
         "relative_depth_mae_mm",
@@ -381,6 +417,7 @@ SPECS = (
         "mean |(p_i - p_j) - (t_i - t_j)| of depth "
         "over every two contacts of a frame that are both matched",
         relative_depth_errors,
+        needs_depth=True,
     ),
     MetricSpec(
         "tilt_mae_deg",

@@ -27,7 +27,7 @@ Rows = Iterable[tuple[str, Estimate]]
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The values that a metric averages.
+    """The values that a metric averages; those that are not known (NaN) are left out.
 
     Attributes:
         values: (n,).
@@ -36,6 +36,12 @@ class Sample:
 
     values: FloatArray
     trial: IntArray
+
+    def __post_init__(self) -> None:
+        known = ~np.isnan(self.values)
+        if not known.all():
+            object.__setattr__(self, "values", self.values[known])
+            object.__setattr__(self, "trial", self.trial[known])
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class MetricSpec:
         sites: Its rows from trials with named places; None where it does not apply.
         site_sample: Values of such trials whose mean it is.
         root: Whether it is the root of that mean.
+        needs_depth: Whether it has no value where depths are not known.
     """
 
     name: str
@@ -68,6 +75,7 @@ class MetricSpec:
     root: bool = False
     sites: Callable[[SiteTrials, np.random.Generator], Rows] | None = None
     site_sample: Callable[[SiteTrials], Sample] | None = None
+    needs_depth: bool = False
 
 
 FIELDS = {

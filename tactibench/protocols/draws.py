@@ -98,10 +98,9 @@ def fits(scene: Scene, workspace: Workspace) -> bool:
     depth = tip_depths(scene, workspace.dome_radius_mm)
     # The deepest tip has the pose's depth up to rounding; a drawn 6.0 must not be refused.
     slack = 1e-9
-    return bool(
-        depth.min() >= workspace.depth_min_mm - slack
-        and depth.max() <= workspace.depth_max_mm + slack
-    )
+    too_light = depth.min() < workspace.depth_min_mm - slack
+    too_deep = depth.max() > workspace.depth_max_mm + slack
+    return not (too_light or too_deep)  # a depth that is not known, NaN, lies in every range
 
 
 def _candidate(
@@ -203,12 +202,17 @@ def draw_labelled(spec: Protocol, count: int) -> SceneSet:
 
 
 def in_range(spec: Protocol, workspace: contacts.Workspace) -> Protocol:
-    """Return the protocol with another range; the heatmap grid grows with it."""
+    """Return the protocol with another range; heatmap grid and gate grow with it.
+
+    Depths that are not known, NaN, leave the protocol's range of depths.
+    """
     published = spec.workspace
     grown = workspace.half_width_mm / published.half_width_mm
     grid = spec.grid.model_copy(update={"pitch_mm": spec.grid.pitch_mm * grown})
-    space = published.model_copy(update=asdict(workspace))
-    return spec.model_copy(update={"workspace": space, "grid": grid})
+    known = {name: value for name, value in asdict(workspace).items() if value == value}
+    space = published.model_copy(update=known)
+    test = spec.test.model_copy(update={"gate_mm": spec.test.gate_mm * grown})
+    return spec.model_copy(update={"workspace": space, "grid": grid, "test": test})
 
 
 class SensorShape(StructuralType):

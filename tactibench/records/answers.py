@@ -18,15 +18,18 @@ def pack_contacts(answers: Sequence[Contacts]) -> Arrays:
 
     Returns:
         count (N,), xy (M, 2), depth (M,), score (M,) and std (M, 3), which is NaN where none was
-        given.
+        given; where the forces of all contacts are known, force (M, 3).
     """
     unknown = [np.full((len(a), 3), np.nan) if a.std is None else a.std for a in answers]
+    forces = [a.force for a in answers if a.force is not None and len(a)]
+    known = bool(forces) and sum(map(len, forces)) == sum(map(len, answers))
     return {
         "count": np.array([len(a) for a in answers], dtype=np.int64),
         "xy": np.concatenate([np.empty((0, 2)), *(a.xy for a in answers)]),
         "depth": np.concatenate([np.empty(0), *(a.depth for a in answers)]),
         "score": np.concatenate([np.empty(0), *(a.score for a in answers)]),
         "std": np.concatenate([np.empty((0, 3)), *unknown]),
+        **({"force": np.concatenate(forces)} if known else {}),
     }
 
 
@@ -39,7 +42,8 @@ def unpack_contacts(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Contacts, .
         std = arrays["std"][part]
         given_std = None if np.isnan(std).any() or not len(std) else std
         xy, depth, score = (arrays[name][part] for name in ("xy", "depth", "score"))
-        out.append(Contacts(xy, depth, score, given_std))
+        force = arrays["force"][part] if "force" in arrays else None
+        out.append(Contacts(xy, depth, score, given_std, force))
     return tuple(out)
 
 

@@ -224,20 +224,25 @@ class PressedRange(_Strict):
 
     Attributes:
         half_width_mm: Largest x and y, either way.
-        depth_min_mm: Smallest depth of a tip.
-        depth_max_mm: Largest depth of a tip.
+        depth_min_mm: Smallest depth of a tip; None where depths are not known.
+        depth_max_mm: Largest depth of a tip, likewise.
         dome_radius_mm: Radius of the touched surface; None where it is flat.
+        gate_mm: Gate in proportion to the half width; None where it was the protocol's.
     """
 
     half_width_mm: float
-    depth_min_mm: float
-    depth_max_mm: float
+    depth_min_mm: float | None = None
+    depth_max_mm: float | None = None
     dome_radius_mm: float | None
+    gate_mm: float | None = None
 
     def text(self) -> str:
         """Return a text such as "own range: x and y within 15 mm, 0.5 to 4.5 mm deep, flat"."""
+        ends = (self.depth_min_mm, self.depth_max_mm)
+        low, high = (math.nan if end is None else end for end in ends)
         radius = math.inf if self.dome_radius_mm is None else self.dome_radius_mm
-        return f"own range: {Workspace(**{**dict(self), 'dome_radius_mm': radius})}"
+        text = f"own range: {Workspace(self.half_width_mm, low, high, radius)}"
+        return text if self.gate_mm is None else f"{text}, gate {self.gate_mm:.3g} mm"
 
 
 class SensorId(Component):

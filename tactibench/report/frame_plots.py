@@ -122,7 +122,8 @@ def contacts_figure(
         for contacts, side, look in ((example.truth, -1, RING), (example.predicted, 1, CROSS)):
             for (x, y), depth in zip(contacts.xy, contacts.depth, strict=True):
                 place = x, y + side * (TIP_RADIUS_MM + 1.2)
-                field.text(*place, f"{depth:.1f}", **NUMBER, color=look["color"])
+                text = "" if np.isnan(depth) else f"{depth:.1f}"
+                field.text(*place, text, **NUMBER, color=look["color"])
         millimetres(field, example.grid)
     ring = {**RING, "marker": "o", "markersize": 11, "markerfacecolor": "none"}
     handles = [legend_mark("truth, depth in mm above", **ring)]
@@ -138,17 +139,18 @@ def single_figure(
     """Draw true against predicted x, y, depth above, and histograms of errors below.
 
     Args:
-        truth: (N, 3) true x, y, depth, mm.
+        truth: (N, 3) true x, y, depth, mm; a depth that is not known, NaN, is not drawn.
         predicted: (N, 3) predicted x, y, depth, mm.
         title: Title of the picture.
         measured_on: Printed as subtitle.
     """
     true, estimate = (np.asarray(v, dtype=np.float64).reshape(-1, 3) for v in (truth, predicted))
     error = estimate - true
+    known = [k for k in range(len(AXES)) if not np.isnan(error[:, k]).any()]
     figure = new_figure(9.0, 5.8)
-    panels = figure.subplots(2, 3, height_ratios=[3, 2])
-    for k, (name, colour) in enumerate(AXES):
-        scatter, histogram = panels[:, k]
+    panels = figure.subplots(2, len(known), height_ratios=[3, 2])
+    for k, (scatter, histogram) in zip(known, panels.T, strict=True):
+        name, colour = AXES[k]
         scatter.axline((0, 0), slope=1, color=GREY, linewidth=1, zorder=1)
         scatter.plot(true[:, k], estimate[:, k], ".", color=colour, markersize=3, alpha=0.6)
         scatter.set(xlabel=f"true {name}, mm", ylabel=f"predicted {name}, mm")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.metrics import condition
+from tactibench.metrics import FORCE, condition
 from tactibench.protocols import (
     Axis,
     BoardSpec,
@@ -91,7 +91,7 @@ def print_summary(
     print_table(console, headline)
     if lacks_interval(headline):
         console.print(Text(NO_INTERVAL_NOTE, style="dim"), soft_wrap=True)
-    for line in (misses_line(record), speed_line(record)):
+    for line in (*truth_lines(record), misses_line(record), speed_line(record)):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(record.signature, style="dim"), soft_wrap=True)
     stored = "record and pictures" if any(folder.glob("*.png")) else "record"
@@ -116,6 +116,15 @@ def headline_table(record: Record) -> Table:
         for m in over_all[:MOST_METRICS]
     ]
     return table(["", "value [95 % interval]", Column("presses")], shown)
+
+
+def truth_lines(record: Record) -> Iterator[str]:
+    """Yield what the truth does not know, and the error of the force where it knows it."""
+    x, depth = (record.metric("mae_mm", axis) for axis in ("x", "z"))
+    if x is not None and x.value is not None and depth is not None and depth.value is None:
+        yield "depth: not known, so that errors of z are n/a and means are of x and y"
+    if value := metric_number(record.metric(FORCE, "all"), 3):
+        yield f"{named(FORCE, 'N')}: {value}"
 
 
 def misses_line(record: Record) -> str:
@@ -247,6 +256,8 @@ def print_run(
             print_table(console, one)
         main.append(measured)
     if line := error_line(record):
+        console.print(Text(line))
+    for line in truth_lines(record):
         console.print(Text(line))
     for note in filter(None, (spec.note, *_comparability(record, published))):
         console.print(Text(note, style="dim"))
@@ -426,7 +437,7 @@ def measured_table(run_table: RunTable, record: Record) -> Table:
     # Four columns by distance fit a terminal under their short heads alone.
     short = {} if run_table.groups else HEADS
     names = ["", *(short.get(name, named(name, units.get(name, ""))) for name in columns)]
-    presses = span([metric.clusters for metric in shown])
+    presses = span([metric.clusters for metric in shown if metric.n])
     title = f"{run_table.title}: value [95 % interval], {presses} presses"
     return table(names, rows, title=title)
 

@@ -372,6 +372,7 @@ NAMES = {
     "exact": "set right",
     "f1": "F1 of a place",
     "false_per_1000": "false contacts per 1,000 empty frames",
+    "force_mae_n": "force error",
     "gospa1_mm": "GOSPA, p = 1",
     "gospa2_mm": "GOSPA, p = 2",
     "mae_mm": "MAE",

@@ -8,6 +8,7 @@ from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.plugins import (
+    CHANNELS,
     INSTANCE,
     Encoder,
     EncoderSpec,
@@ -17,7 +18,7 @@ from tactibench.plugins import (
     SensorSpec,
     Value,
 )
-from tactibench.protocols import Protocol
+from tactibench.protocols import LoadedProtocol, Protocol, board_spec
 from tactibench.records import BoundSpec
 from tactibench.run.request import (
     REFERENCE,
@@ -187,6 +188,32 @@ def check_signals(components: Components, signals: Sequence[str], host: PluginHo
                 f"{sensor.name!r} gives {signal} frames; models that read {signal}: "
                 f"{able or 'none'}."
             )
+
+
+def check_depth(components: Components, protocol: LoadedProtocol, host: PluginHost) -> None:
+    """Raise UserError where presses of which the depth is not known can be no part of a run.
+
+    Args:
+        components: Model and sensors of the run.
+        protocol: The protocol; it cannot rank by an error of depths.
+        host: The plugins.
+    """
+    from tactibench.metrics import find_metric
+
+    spec, model = protocol.spec, components.model.spec
+    ranking = board_spec(spec.label).ranking
+    if ranking is not None and find_metric(ranking.metric).needs_depth:
+        raise UserError(
+            f"protocol {spec.id!r} ranks by {ranking.metric}, but nobody knows how deep the "
+            "presses of this recording are; take another protocol, or import it with --param "
+            "depth=COLUMN."
+        )
+    if CHANNELS not in model.reads:  # those models learn whatever of a contact is known
+        able = ", ".join(other.name for other in host.models if CHANNELS in other.reads)
+        raise UserError(
+            f"model {model.name!r} learns depths, but nobody knows how deep the presses of this "
+            f"recording are; take one of {able}, or import it with --param depth=COLUMN."
+        )
 
 
 def cannot_adapt(model: str) -> UserError:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.channels import holds_channels
-from tactibench.contacts import Answer, Frame
+from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.frames import Presses, spread, true_answers
 from tactibench.plugins import Model
 from tactibench.records import Arrays, pack
@@ -86,7 +86,8 @@ class Evaluation:
         self.plan, self.model, self.test, self.reporter = plan, model, test, reporter
         self.kind = plan.spec.answer
         most = plan.components.model.spec.max_contacts
-        self.rules = AnswerRules(self.kind, most, plan.spec.grid.grid().shape)
+        knows_depth = all(t.knows_depth for t in test.truth if isinstance(t, Contacts))
+        self.rules = AnswerRules(self.kind, most, plan.spec.grid.grid().shape, knows_depth)
 
     def predict(self) -> Predictions:
         """Return the model's answers to all test frames.
@@ -101,7 +102,10 @@ class Evaluation:
 
     def truth(self) -> Arrays:
         """Return the true answers, packed, with press and group of every frame."""
-        return truth_arrays(self.kind, self.test.truth, self.test.clusters, self.test.groups)
+        truth = truth_arrays(self.kind, self.test.truth, self.test.clusters, self.test.groups)
+        if self.plan.frames.workspace is not None:
+            truth["gate"] = np.array(self.plan.frames.on_range(self.plan.spec).test.gate_mm)
+        return truth
 
     def time(self) -> Speed:
         """Return the model's times for the main test frames."""

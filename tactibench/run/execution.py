@@ -90,6 +90,8 @@ def _answer(
     evaluation = _evaluation(plan)(plan, model, test, reporter)
     predictions = evaluation.predict()
     truth, maps = evaluation.truth(), predictions.maps
+    if "force" not in predictions.arrays:
+        truth.pop("force", None)
     if plan.frames.source.simulates:
         _add_simulated_truth(plan, test, truth, maps, reporter)
     if plan.published:
@@ -294,7 +296,9 @@ def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
         }
     if (space := plan.frames.workspace) is not None:
         radius = None if math.isinf(space.dome_radius_mm) else space.dome_radius_mm
-        values["range"] = {**asdict(space), "dome_radius_mm": radius}
+        known = {name: v for name, v in asdict(space).items() if not math.isnan(v)}
+        gate = plan.frames.on_range(plan.spec).test.gate_mm
+        values["range"] = {**known, "dome_radius_mm": radius, "gate_mm": gate}
     if tested is not None:
         presses = len(set(evaluation.test.clusters))
         values["tested"] = target_record(tested, sensor, options, presses, plan.request.data)

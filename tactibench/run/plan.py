@@ -22,6 +22,7 @@ from tactibench.records import (
 )
 from tactibench.run.components import (
     Components,
+    check_depth,
     check_signals,
     describe_target,
     resolve_components,
@@ -250,6 +251,8 @@ def make_plan(
         {} if frame_plans is None else frame_plans,
     )
     check_signals(components, frames.signals, host)
+    if not frames.knows_depth:
+        check_depth(components, protocol, host)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(

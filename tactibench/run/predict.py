@@ -44,11 +44,13 @@ class AnswerRules:
         kind: "contacts", "plate" or "sites".
         max_contacts: Most contacts of a frame; None for any number.
         shape: (rows, columns) of heatmaps.
+        depth: Whether contacts must have depths: the truth knows them.
     """
 
     kind: str
     max_contacts: int | None
     shape: tuple[int, int]
+    depth: bool = True
 
 
 class Predictions(NamedTuple):
@@ -146,8 +148,12 @@ def _checked_answer(
             f"the model answered {type(answer).__name__} where {asked.__name__} is asked",
             source,
         )
-    # Contacts refuse such numbers when they are made.
-    if isinstance(answer, PlatePose) and not _is_finite(answer):
+    # Contacts refuse other such numbers when they are made.
+    if isinstance(answer, PlatePose):
+        finite = _is_finite(answer)
+    else:
+        finite = answer.knows_depth or not rules.depth
+    if not finite:
         raise NotFinitePredictionError(
             f"the model answered {type(answer).__name__} with a number that is not finite",
             source,

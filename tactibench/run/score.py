@@ -57,7 +57,7 @@ def score_arrays(
     Raises:
         UserError: A metric does not apply to the answers.
     """
-    from tactibench.metrics import PlateTrials
+    from tactibench.metrics import FORCE, PlateTrials
     from tactibench.metrics.registry import score
 
     seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(SCORING_STREAM,))
@@ -66,6 +66,8 @@ def score_arrays(
     if "limit" in truth:  # it is shown after the threshold where the sensor knows it
         after = names.index(THRESHOLD) + 1
         names = (*names[:after], LIMIT, *names[after:])
+    if "force" in truth and "force" in predicted:
+        names = (*names, FORCE)
     if isinstance(trials, PlateTrials) and trials.published:
         from tactibench.metrics import PUBLISHED_NAMES
 
@@ -96,7 +98,8 @@ def trials_of(
 
     Args:
         protocol: The protocol of the run.
-        truth: Packed true answers with ``press`` and ``group`` of every frame.
+        truth: Packed true answers with ``press`` and ``group`` of every frame, and ``gate``, mm,
+            where the sensor has a range of its own.
         predicted: Packed answers.
         maps: Heatmaps and true surfaces; None where there are none, and the metrics of heatmaps are
             n/a.
@@ -133,7 +136,7 @@ def trials_of(
         truth["press"][rows],
         tuple(groups),
         max_depth=protocol.workspace.depth_max_mm,
-        gate=protocol.test.gate_mm,
+        gate=float(truth["gate"]) if "gate" in truth else protocol.test.gate_mm,
         level=protocol.test.level,
         axes=protocol.axes,
         failed=_failures(predicted),

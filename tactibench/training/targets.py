@@ -28,20 +28,23 @@ ANSWER_WIDTH = {"contacts": 3, "plate": 2}
 """Number of values of an answer: x, y, depth mm of a contact; depth mm, tilt deg of a plate."""
 
 
-def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
+def answer_vectors(
+    truth: Sequence[Answer], answer: str, model: str, *, force: bool = False
+) -> Array:
     """Return (N, 3) x, y, depth mm of single contacts, or (N, 2) depth mm, tilt deg of plates.
 
-    A frame without contact becomes a row of NaN.
+    A frame without contact becomes a row of NaN, and a column that is not known is NaN.
 
     Args:
         truth: True answers to N frames.
         answer: Kind of the answers, "contacts" or "plate".
         model: Name of the model, for the error.
+        force: Whether contacts have a fourth column, the size of the force, N.
 
     Raises:
         UserError: A frame has several contacts.
     """
-    rows = np.full((len(truth), ANSWER_WIDTH[answer]), np.nan)
+    rows = np.full((len(truth), ANSWER_WIDTH[answer] + force), np.nan)
     for row, true in zip(rows, truth, strict=True):
         if isinstance(true, PlatePose):
             row[:] = true.depth, true.tilt
@@ -53,7 +56,9 @@ def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
                 "train it with --regime single or choose a heatmap model such as unet."
             )
         if len(true):
-            row[:] = *true.xy[0], true.depth[0]
+            row[:3] = *true.xy[0], true.depth[0]
+            if force and true.force is not None:
+                row[3] = np.linalg.norm(true.force[0])
     return rows
 
 
@@ -61,12 +66,22 @@ def answers_from_vectors(values: npt.NDArray[np.floating], answer: str) -> list[
     """Return one contact with score 1, or one plate pose, for every row of values.
 
     Args:
-        values: (N, 3) x, y, depth mm, or (N, 2) depth mm, tilt deg.
+        values: (N, 3) x, y, depth mm, or (N, 4) with the size of the force, N, or (N, 2) depth mm,
+            tilt deg; a column that is not known is NaN.
         answer: Kind of the answers, "contacts" or "plate".
     """
     if answer == "plate":
         return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]
-    return [Contacts(row[np.newaxis, :2], row[2:], np.ones(1)) for row in values]
+    known = values.shape[1] == 4 and not np.isnan(values[:, 3]).any()
+    return [
+        Contacts(
+            row[np.newaxis, :2],
+            row[2:3],
+            np.ones(1),
+            force=np.array([[0.0, 0.0, -row[3]]]) if known else None,
+        )
+        for row in values
+    ]
 
 
 def regression_rows(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
@@ -80,15 +95,17 @@ def regression_rows(truth: Sequence[Answer], answer: str, model: str) -> npt.NDA
     Raises:
         UserError: A frame has several contacts.
     """
-    return np.flatnonzero(np.isfinite(answer_vectors(truth, answer, model)).all(axis=1))
+    return np.flatnonzero(np.isfinite(answer_vectors(truth, answer, model)[:, :2]).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Normalisation:
     """Mean and standard deviation of targets or features over the training frames.
 
+    A column that is not known is 0 when it is normalised, and NaN again in its original unit.
+
     Attributes:
-        mean: (T,).
+        mean: (T,); NaN where the column is not known.
         deviation: (T,) standard deviations.
     """
 
@@ -103,20 +120,22 @@ class Normalisation:
 
     def apply(self, values: Array) -> Array:
         """Return values as multiples of the standard deviation from the mean."""
-        return np.asarray((values - self.mean) / self.deviation, dtype=np.float64)
+        known = ~np.isnan(self.mean)
+        return np.where(known, (values - self.mean) / self.deviation, 0.0)
 
     def invert(self, normal: npt.NDArray[np.floating]) -> Array:
         """Return normalised values in their original unit."""
         return np.asarray(normal * self.deviation + self.mean, dtype=np.float64)
 
-    def to_json(self) -> dict[str, list[float]]:
+    def to_json(self) -> dict[str, list[float | None]]:
         """Return JSON values from which ``from_json`` makes the same normalisation."""
-        return {"mean": self.mean.tolist(), "deviation": self.deviation.tolist()}
+        mean = [None if np.isnan(value) else value for value in self.mean.tolist()]
+        return {"mean": mean, "deviation": self.deviation.tolist()}
 
     @classmethod
-    def from_json(cls, values: dict[str, list[float]]) -> Self:
+    def from_json(cls, values: dict[str, list[float | None]]) -> Self:
         """Return the normalisation of ``to_json``."""
-        return cls(np.array(values["mean"]), np.array(values["deviation"]))
+        return cls(*(np.array(values[name], dtype=np.float64) for name in ("mean", "deviation")))
 
 
 _SAME_RMS = 3.0

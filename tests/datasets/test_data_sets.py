@@ -402,7 +402,7 @@ def test_the_order_of_writing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         (b'{"file_name"', b'"file_name"', "line {}: "),
         (b'"depth_mm": 1.5', b'"depth_mm": NaN', "line {}: "),
         (b'"depth_mm": 1.5', b'"depht_mm": 1.5', "line {}: unknown key 'depht_mm'"),
-        (b'"depth_mm": 1.5, ', b"", "line {}: the key 'depth_mm' is missing"),
+        (b'"x_mm"', b'"dx_mm"', "line {}: the key 'x_mm' is missing"),
         (b"images/000000/00", b"images/../../00", "line {}: file_name is 'images/../../00"),
         (b'"indenter": "dual", ', b"", "line {}: a pose needs the key 'indenter'"),
         (b'"indenter_radius_mm": 3.0', b'"indenter_radius_mm": -3.0', "line {}: an indenter's"),
