@@ -54,6 +54,14 @@ def tactibench_sensors() -> list[SensorSpec]:
                 ),
                 Parameter("tilt", "pose_6", "column of targets.csv with the plate's tilt, deg"),
                 Parameter(
+                    "light",
+                    "auto",
+                    "frames: as_is; even: raw camera pictures, of which pins are cut out and "
+                    "evenly lit; auto: what shows more pins",
+                    choices=("auto", "as_is", "even"),
+                    checks_only=True,  # what it changes is described: cut_out
+                ),
+                Parameter(
                     "trust_labels",
                     False,
                     "take labels that the frames contradict; a row shows it",

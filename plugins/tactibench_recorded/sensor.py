@@ -62,6 +62,7 @@ class RecordedSensor(Sensor):
         split: str = "",
         range: str = "auto",  # noqa: A002 - what the parameter is called
         trust_labels: bool = False,
+        light: str = "auto",
     ) -> None:
         if context.data is None:
             raise UserError(
@@ -77,7 +78,7 @@ class RecordedSensor(Sensor):
         )
         given = (depth_offset_mm, pivot_mm, pivot_side_mm) != (OFFSET_MM, PIVOT_MM, 0.0)
         fit = labels == "fitted" or (labels == "auto" and context.indentation and not given)
-        recording = open_recording(context.data)
+        recording = open_recording(context.data, ImportOptions(light=light))
         self._recording, self._options = recording, options
         self._columns = dict(recording.columns)
         self._label_fit: RecordingFit | None = None

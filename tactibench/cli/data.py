@@ -270,6 +270,8 @@ def import_folder(
     known = sum(sample.scene is not None for sample in dataset.samples)
     what = f"{known:,} with contacts" if known else "labels without contacts"
     terminal.say(f"{target}: {len(dataset.samples):,} frames of {recording.kind}, {what}")
+    if recording.light:
+        terminal.say(f"  light: {recording.light}")
     for note in recording.notes:
         terminal.say(f"  note: {note}")
     if known:
@@ -368,6 +370,7 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
         "format": f"{recording.format} ({recording.generation})",
         "frames": f"{len(recording):,} of {recording.kind}, {presses:,} presses",
         "rest frame": recording.rest_name or "none",
+        **({"light": recording.light} if recording.light else {}),
         "contacts": f"{known:,} frames" if known else "none, labels only",
     }
     if recording.dataset is not None:

@@ -10,7 +10,7 @@ import tactibench
 from tactibench.contacts import Signal
 from tactibench.datasets.dataset import Dataset, open_dataset
 from tactibench.datasets.formats import read_frames, recording_folder
-from tactibench.datasets.options import ImportOptions
+from tactibench.datasets.options import AUTO, ImportOptions
 from tactibench.datasets.recording import SOURCE_NAME, Recording, prepare_channels, read_dataset
 from tactibench.datasets.schema import ChannelKind, Draft, Header, is_dataset
 from tactibench.datasets.vectors import read_vectors
@@ -36,7 +36,14 @@ def open_recording(folder: Path, options: ImportOptions | None = None) -> Record
     folder = recording_folder(folder)
     if options.channels:
         return prepare_channels(read_vectors(folder, options))
-    return read_dataset(folder) if is_dataset(folder) else read_frames(folder, options)
+    if not is_dataset(folder):
+        return read_frames(folder, options)
+    if options.light != AUTO:
+        raise UserError(
+            f"{folder} is a data set, whose frames are as they were imported; leave light out, or "
+            f"import the recording again with --param light={options.light}."
+        )
+    return read_dataset(folder)
 
 
 def import_folder(

@@ -80,7 +80,7 @@ class ImportOptions:
     light: str = _option(
         AUTO,
         "frames: as_is, or even: raw camera pictures, of which the pins are cut out and evenly "
-        "lit; auto: even where a single level does not tell pins from ground",
+        "lit; auto: even where that shows more of a regular set of pins",
         choices=(AUTO, AS_IS, EVEN),
     )
     column: str = _option("", "column that names the frames; default: the first known one")

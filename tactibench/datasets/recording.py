@@ -18,11 +18,11 @@ import numpy.typing as npt
 from tactibench.contacts import Scene, Signal, Sites
 from tactibench.datasets.dataset import Dataset, Image, open_dataset
 from tactibench.datasets.labels import role_columns, scenes_of
-from tactibench.datasets.options import AS_IS, AUTO, PLATE, ImportOptions
+from tactibench.datasets.options import AUTO, EVEN, PLATE, ImportOptions
 from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Forces, Sample
 from tactibench.errors import UserError
 from tactibench.images import gray
-from tactibench.markers import PinView, find_pin_view, is_raw
+from tactibench.markers import PinView, choose_light, find_pin_view
 from tactibench.png import ImageKind, decode_png, read_file
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,7 +49,7 @@ _FIRST_LABELS = (
 )
 """Labels that say most; they come first."""
 _PROBES = 5
-"""Frames that are tested for raw pictures where there is no rest frame."""
+"""Frames in which pins are looked for both ways, beside the rest frame."""
 _LIGHT_MM = 0.3
 """Depth to which a tip counts as hardly pressed: pins move by less than a tenth of it."""
 _FEWEST, _MOST = 9, 25
@@ -86,6 +86,7 @@ class Recording:
         values: (N, ...) float32 channels, of a sensor without a camera.
         signal_names: Names of the channels.
         view: Part of raw pictures that shows the pins; frames are this part of them.
+        light: "as_is" or "even", with the numbers of pins by which it was chosen.
         estimated_rest: The undeformed frame, estimated from frames that were hardly pressed.
         dataset: The data set that was opened; None for other formats.
         rows: Numbers of the data set's samples that are the frames.
@@ -113,6 +114,7 @@ class Recording:
     values: npt.NDArray[np.float32] | None = field(default=None, repr=False)
     signal_names: tuple[str, ...] = ()
     view: PinView | None = None
+    light: str = ""
     estimated_rest: Signal | None = field(default=None, repr=False)
     dataset: Dataset | None = None
     rows: tuple[int, ...] = ()
@@ -284,7 +286,8 @@ def prepare_frames(recording: Recording, light: str) -> Recording:
 
     Args:
         recording: A recording of images.
-        light: "even" cuts pins out of pictures, "as_is" does not, "auto" does where they are raw.
+        light: "even" cuts pins out of pictures, "as_is" does not, "auto" does where that shows
+            more pins.
 
     Raises:
         UserError: Pins are to be cut out, and none are found.
@@ -292,13 +295,16 @@ def prepare_frames(recording: Recording, light: str) -> Recording:
     probes = np.linspace(0, len(recording) - 1, min(_PROBES, len(recording))).round().astype(int)
     try:
         rest = recording.rest_image()
-        images = [recording.image(row) for row in probes.tolist()] if rest is None else [rest]
+        images = [] if rest is None else [rest]
+        images += [recording.image(row) for row in probes.tolist()]
     except UserError:  # reported where the frame is needed; the labels can be read
         return recording
     notes = list(recording.notes)
-    if light != AS_IS and (light != AUTO or 2 * sum(map(is_raw, images)) > len(images)):
-        view = find_pin_view(images[0])
-        recording = replace(recording, view=view)
+    view, chosen = find_pin_view(images[0]) if light == EVEN else None, light
+    if light == AUTO:
+        view, chosen = choose_light(images)
+    recording = replace(recording, view=view, light=chosen)
+    if view is not None:
         notes.append(
             f"raw camera frames: pins are cut out ({view}), evenly lit and gray; --param "
             "light=as_is leaves frames as they are."

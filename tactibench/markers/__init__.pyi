@@ -15,8 +15,8 @@ from .graph import pin_graph as pin_graph
 from .pin_tracker import BySensor as BySensor
 from .pin_tracker import PinTracker as PinTracker
 from .pin_tracker import PinView as PinView
+from .pin_tracker import choose_light as choose_light
 from .pin_tracker import find_pin_view as find_pin_view
-from .pin_tracker import is_raw as is_raw
 from .pin_tracker import rest_images as rest_images
 from .tracker import Tracker as Tracker
 from .tracker import Tracks as Tracks

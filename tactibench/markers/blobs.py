@@ -20,6 +20,9 @@ GLARE = 30.0
 """Multiple of the usual area above which a blob is a reflection."""
 RING = 4.5
 """The same for a rest frame, where pins hardly touch."""
+WIDEST = 16
+"""Half a summit's window, px, beyond which blobs are surfaces and no pins: a pin that is 50 px wide
+has 16, and a larger window costs seconds."""
 SPECK = 0.3
 """Share of the usual area below which a blob is no pin."""
 FULL = 0.5
@@ -241,6 +244,8 @@ def split_merged(image, dark, bright, run, count, blobs, usual, glare, out):  # 
     """
     most = len(out)
     half = max(1, int(0.62 * math.sqrt(usual / math.pi) + 0.5))
+    if half > WIDEST:
+        return blobs
     least = FULL * (bright - dark) * min((2.0 * half + 1.0) ** 2, 0.8 * usual)
     total = blobs
     first = np.full(blobs + 1, -1)  # chains of the runs of merged blobs

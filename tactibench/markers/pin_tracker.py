@@ -58,10 +58,11 @@ _PIN_LEVEL = 200.0
 _MOST_PX = 320
 """Longest side of the result: the pins of a sensor with 331 are still 5 px wide, and models see
 less."""
-_PLAIN = 0.8
-"""Share of the pins that one threshold for the whole picture must find; otherwise the picture is
-raw. A threshold finds all pins in pictures that were made for pins (Tac-VGNN, the simulator), and
-none beside a bright rim."""
+_MOSTLY = 0.5
+"""Share of the light in the spots of any size that those of the pins' size hold."""
+_BETTER = 1.1
+"""Frames are changed only where that shows so many times the pins: both ways find all of them in
+pictures that were made for pins (Tac-VGNN, the simulator)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,7 @@ class PinView:
         diameter_px: Approximate diameter of a pin in the raw picture.
         gain: (side, side) factor from the level over the ground to the level of the result; 0 at
             reflections and beyond the pins.
+        dark: Whether pins are darker than the ground, so that pictures are inverted.
     """
 
     shape: tuple[int, int]
@@ -86,11 +88,12 @@ class PinView:
     size: int
     diameter_px: int
     gain: Floats
+    dark: bool = False
 
     def __str__(self) -> str:
         return (
             f"{self.side}x{self.side} px from row {self.top} and column {self.left} of "
-            f"{self.shape[0]}x{self.shape[1]}"
+            f"{self.shape[0]}x{self.shape[1]}{', dark pins' if self.dark else ''}"
         )
 
     def of(self, image: Images) -> Images:
@@ -109,7 +112,8 @@ class PinView:
                 f"a picture has {image.shape[0]}x{image.shape[1]} px, but pins were found in one "
                 f"of {self.shape[0]}x{self.shape[1]}; take all with the same settings."
             )
-        even = np.clip(np.rint(self._even(gray(image))), 0, 255).astype(np.uint8)
+        level = ~gray(image) if self.dark else gray(image)
+        even = np.clip(np.rint(self._even(level)), 0, 255).astype(np.uint8)
         return resized(even, (self.size, self.size))
 
     def reflections(self, level: Images) -> npt.NDArray[np.bool_]:
@@ -132,25 +136,55 @@ class PinView:
         return np.asarray(over[top : top + self.side, left : left + self.side]) * self.gain
 
 
-def is_raw(image: Images) -> bool:
-    """Return whether a picture (H, W) or (H, W, 3) shows pins, but not on a dark and even ground.
+def choose_light(images: Sequence[Images]) -> tuple[PinView | None, str]:
+    """Try frames as they are and evenly lit, and take what shows more of a regular set of pins.
 
-    Its pins are found over the ground around them, but no single threshold finds them.
+    Args:
+        images: (H, W) or (H, W, 3) uint8 pictures of one sensor, the undeformed one first.
+
+    Returns:
+        The view of raw pictures, None where frames stay as they are; and how many pins each way
+        finds, in words.
     """
     from tactibench.images import gray
 
-    level = gray(image)
-    noise = _noise(level)
-    counts = [len(_find_spots(_over_ground(level, d), d, noise)[0]) for d in _DIAMETERS_PX]
-    best = int(np.argmax(counts))
-    if counts[best] < _LEAST_PINS:
-        return False
-    plain = len(_find_spots(level.astype(np.float32), _DIAMETERS_PX[best], noise)[0])
-    return plain < _PLAIN * counts[best]
+    plain = _regular_pins([gray(image) for image in images])
+    try:
+        view = find_pin_view(images[0])
+        even = _regular_pins([view.of(image) for image in images])
+    except UserError:  # no spots of one size, or pictures of several sizes
+        view, even = None, 0
+    if even > max(_BETTER * plain, _LEAST_PINS):
+        return view, f"even: {even} regular pins, {plain} in the frames as they are"
+    if plain < _LEAST_PINS:
+        return None, "as_is: no regular set of pins in the frames as they are, nor in even light"
+    return None, f"as_is: {plain} regular pins, {even} in even light"
+
+
+def _regular_pins(images: Sequence[Images]) -> int:
+    """Return how many pins of the first picture lie as on a grid and are found in the others.
+
+    Spots that do not are taken off: texture, lamps and pieces of large pins are many.
+    """
+    try:
+        tracker = Tracker(images[0], refine=False)
+    except UserError:  # none, or more than any sensor has
+        return 0
+    if len(tracker.rest) < _LEAST_PINS:
+        return 0
+    first, second = _distances(tracker.rest, 2).T
+    pitch = np.median(second)
+    regular = (first > pitch / _APART) & (second < pitch * _APART)
+    net = 2 * int(np.count_nonzero(regular)) - len(regular)
+    if net < _LEAST_PINS or len(images) == 1:
+        return max(net, 0)
+    return int(net * tracker.track(np.stack(images[1:])).seen.mean())
 
 
 def find_pin_view(image: Images) -> PinView:
     """Find the pins of a raw picture and return the view of them.
+
+    Pins are brighter than what is around them, or darker: then the picture is inverted.
 
     Args:
         image: (H, W) or (H, W, 3) uint8, preferably of the undeformed sensor.
@@ -161,15 +195,15 @@ def find_pin_view(image: Images) -> PinView:
     from tactibench.images import gray
 
     level = gray(image)
-    noise = _noise(level)
-    spots = [_find_spots(_over_ground(level, d), d, noise) for d in _DIAMETERS_PX]
-    best = max(range(len(spots)), key=lambda k: len(spots[k][0]))
-    diameter, (xy, peak) = _DIAMETERS_PX[best], spots[best]
+    bright, inverted = _sized_spots(level), _sized_spots(~level)
+    dark = inverted[0] > _BETTER * bright[0]
+    _, diameter, xy, peak = inverted if dark else bright
+    level = ~level if dark else level
     if len(xy) < _LEAST_PINS:
         raise UserError(
             f"a picture of {level.shape[0]}x{level.shape[1]} px shows {len(xy)} spots of one size; "
-            f"at least {_LEAST_PINS} pins are needed. Give pictures of a sensor with bright pins, "
-            "or say --param light=as_is."
+            f"at least {_LEAST_PINS} pins are needed. Give pictures of a sensor whose pins are "
+            "brighter or darker than the ground, or say --param light=as_is."
         )
     pitch = _pitch(xy)
     pins = peak < _GLARE * _usual_peaks(xy, xy, peak)
@@ -182,12 +216,28 @@ def find_pin_view(image: Images) -> PinView:
         for centre, length in zip(middle, level.shape[::-1], strict=True)
     )
     gain = _gain(xy[pins] - (left, top), peak[pins], side, pitch)
-    view = PinView(level.shape, top, left, side, min(side, _MOST_PX), diameter, gain)
+    view = PinView(level.shape, top, left, side, min(side, _MOST_PX), diameter, gain, dark)
     y, x = np.ogrid[:side, :side]
     centre = middle - (left, top)
     reach = np.linalg.norm(xy[pins] - middle, axis=1).max() + _MARGIN * pitch
     outside = np.hypot(x - centre[0], y - centre[1]) > reach  # the rim in the corners
     return replace(view, gain=np.where(outside | view.reflections(level), np.float32(0), gain))
+
+
+def _sized_spots(level: Images) -> tuple[float, int, Places, Floats]:
+    """Find the bright spots of the smallest size that shows them clearly.
+
+    Of large pins a small size finds the corners: more, with less light. A large size finds lamps.
+
+    Returns:
+        The spots' light over the ground, their approximate diameter, places and peaks.
+    """
+    noise = _noise(level)
+    found = [_find_spots(_over_ground(level, d), d, noise) for d in _DIAMETERS_PX]
+    most = max(light for light, *_ in found)
+    best = next(k for k, (light, *_) in enumerate(found) if light >= _MOSTLY * most)
+    light, xy, peak = found[best]
+    return light, _DIAMETERS_PX[best], xy, peak
 
 
 def _over_ground(level: Images, diameter: int) -> Floats:
@@ -207,7 +257,7 @@ def _noise(level: Images) -> float:
     return float(np.median(np.abs(np.diff(level.astype(np.int16), axis=1))))
 
 
-def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floats]:
+def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[float, Places, Floats]:
     """Find the spots of about one diameter that have neighbours.
 
     Args:
@@ -216,7 +266,7 @@ def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floa
         noise: Usual difference of neighbouring pixels, levels.
 
     Returns:
-        Places (P, 2) px and peaks (P,) of the spots.
+        Number times usual area and peak of the spots, places (P, 2) px and peaks (P,).
     """
     import cv2
 
@@ -226,7 +276,7 @@ def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floa
     _, bright = cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     bright[over < _CLEAR * noise + 3] = 0
     count, label, stats, centre = cv2.connectedComponentsWithStats(bright, connectivity=4)
-    none = np.empty((0, 2)), np.empty(0, np.float32)
+    none = 0.0, np.empty((0, 2)), np.empty(0, np.float32)
     if count <= _LEAST_PINS:
         return none
     wide, high = stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]
@@ -246,7 +296,8 @@ def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floa
     pins = _distances(xy, 2)[:, 1] < _APART * _pitch(xy)
     # A rim that the border cuts off looks like a spot there.
     pins &= ((xy >= diameter) & (xy < np.array(over.shape[::-1]) - diameter)).all(axis=1)
-    return xy[pins], peaks[labels[pins]]
+    xy, peak = xy[pins], peaks[labels[pins]]
+    return float(len(xy) * usual * np.median(peak)) if len(xy) else 0.0, xy, peak
 
 
 def _distances(xy: Places, count: int) -> Places:

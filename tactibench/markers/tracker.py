@@ -120,7 +120,7 @@ def _fit_from(pixels: bytes, shape: tuple[int, int], discs: bytes) -> PinProfile
 
 def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:
     """Return the best profile whose edge has the half-width ``edge``, px."""
-    disc = disc.copy()
+    start, disc = disc, disc.copy()
     level = image.astype(np.float64)
     terms = _terms(image.shape, 4 if len(disc) >= 60 else 2 if len(disc) >= 20 else 0)
     near = _near(image.shape, disc)
@@ -131,6 +131,8 @@ def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:
     residual = np.inf
     for _ in range(_ROUNDS):
         fit_discs(image, dark, contrast, edge, disc[:, 2].copy(), free, 8, disc, cover)
+        if not np.isfinite(disc).all():  # a rim or texture, and no discs
+            return PinProfile(dark, contrast, edge, start, np.inf)
         light = np.minimum(cover[near], 1.0)
         basis = np.concatenate([terms[near], terms[near] * light[:, None]], axis=1)
         weights, *_ = np.linalg.lstsq(basis, level[near], rcond=None)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import drawn_pins
 import numpy as np
+import numpy.typing as npt
 import pytest
-from raw_camera import LEFT, SIDE, TOP, raw_frame
+from raw_camera import LEFT, SIDE, TOP, discs, raw_discs, raw_frame
 
 from tactibench import UserError
 from tactibench.datasets import import_folder, open_recording, read_options
-from tactibench.markers import Tracker, count_pins, find_pin_view, is_raw
+from tactibench.markers import Tracker, choose_light, count_pins, find_pin_view
+
+Array = npt.NDArray[np.float64]
 
 PLACES = [(x, y) for x in (-3.0, 0.0, 3.0) for y in (-3.0, 0.0, 3.0)]
 
@@ -36,9 +40,10 @@ def test_all_pins_of_a_raw_picture_are_found_and_no_reflection() -> None:
     rng = np.random.default_rng(1)
     pins = drawn_pins.hexagon()
     raw = raw_frame(drawn_pins.draw(pins), rng)
-    view = find_pin_view(raw)
+    view, chosen = choose_light([raw])
+    assert view is not None
+    assert chosen.startswith("even: ")
     seen = view.of(raw)
-    assert is_raw(raw)
     assert seen.shape == (view.size, view.size)
     found = (Tracker(seen).rest + 0.5) * view.side / view.size - 0.5 + (view.left, view.top)
     scale = SIDE / drawn_pins.SIZE
@@ -48,14 +53,70 @@ def test_all_pins_of_a_raw_picture_are_found_and_no_reflection() -> None:
     assert (apart.min(axis=0) < 1.0).mean() > 0.9  # a reflection may lie on a pin
 
 
+def pushed_away(pins: Array, at: tuple[float, float]) -> Array:
+    away = pins - at
+    return pins + 0.15 * away * np.exp(-(away**2).sum(axis=1, keepdims=True) / (2 * 60.0**2))
+
+
+CLEAN = [(2, 11, 330), (3, 12, 360), (6, 16, 480), (6, 20, 512), (9, 30, 700)]
+"""Radius and pitch of discs, and side of the frame, px."""
+
+
+@pytest.mark.parametrize("levels", [(0, 255), (255, 0)], ids=["bright", "dark"])
+@pytest.mark.parametrize(("radius", "pitch", "side"), CLEAN)
+def test_frames_made_for_pins_stay_as_they_are(
+    radius: float, pitch: float, side: int, levels: tuple[int, int]
+) -> None:
+    """Corners of large discs are spots of one size, too: six times as many."""
+    rest = drawn_pins.hexagon(6, pitch, side / 2)
+    ground, pin = levels
+    frames = [
+        np.where(discs(pins, radius, (side, side)) > 0.5, pin, ground).astype(np.uint8)
+        for pins in (rest, pushed_away(rest, (0.4 * side, 0.6 * side)))
+    ]
+    view, chosen = choose_light(frames)
+    if pin > ground:
+        assert view is None
+        assert chosen == "as_is: 127 regular pins, 127 in even light"
+    else:  # pins are bright where they are followed
+        assert view is not None
+        assert count_pins(view.of(frames[0])) == 127
+
+
+RAW = {
+    "bright surround": {"ground": 40.0, "pin": 110.0},
+    "pins on mid grey": {"ground": 90.0, "pin": 110.0},
+    "dark surround, no lamps": {"ground": 60.0, "pin": 110.0, "surround": (20.0, 20.0), "lamps": 0},
+    "pins as bright as the surround": {"ground": 130.0, "pin": 200.0},
+    "dark pins on bright": {"ground": 165.0, "pin": 110.0, "lamps": 4},
+}
+
+
+@pytest.mark.parametrize(("radius", "pitch", "rings"), [(3, 13, 8), (6, 24, 6)])
+@pytest.mark.parametrize("look", RAW.values(), ids=RAW)
+def test_pins_of_raw_pictures_are_found_in_even_light(
+    look: dict[str, Any], radius: float, pitch: float, rings: int
+) -> None:
+    rng = np.random.default_rng(2)
+    rest = drawn_pins.hexagon(rings, pitch, 0.0) + np.array([320.0, 240.0])
+    frames = [raw_discs(p, radius, rng, **look) for p in (rest, pushed_away(rest, (290, 260)))]
+    view, chosen = choose_light(frames)
+    assert view is not None, chosen
+    found = (Tracker(view.of(frames[0]), refine=False).rest + 0.5) * view.side / view.size - 0.5
+    apart = np.linalg.norm(found[:, None] + (view.left, view.top) - rest, axis=2)
+    assert (apart.min(axis=0) < 1.5).mean() > 0.85  # lamps lie on some
+    assert (apart.min(axis=1) < 1.5).mean() > 0.95  # or leave a rest beside one
+
+
 def test_noise_is_neither_raw_nor_followed() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
-    assert not is_raw(noise)
+    view, chosen = choose_light([noise])
+    assert view is None
+    assert "no regular set of pins" in chosen
     with pytest.raises(UserError, match="light=as_is"):
         find_pin_view(noise)
     with pytest.raises(UserError, match="light=even"):
         count_pins(noise)
-    assert not is_raw(drawn_pins.draw(drawn_pins.pushed(1.0, -2.0, 3.0)))  # made for pins
 
 
 def test_raw_frames_are_imported_cut_out_unless_somebody_objects(tmp_path: Path) -> None:
@@ -69,6 +130,8 @@ def test_raw_frames_are_imported_cut_out_unless_somebody_objects(tmp_path: Path)
     assert pins.track(np.stack([dataset.signal(s) for s in dataset.samples])).seen.mean() > 0.95
     kept = open_recording(folder, read_options(["light=as_is"]))
     assert kept.image(0).shape == (480, 640, 3)
+    with pytest.raises(UserError, match="leave light out"):
+        open_recording(dataset.folder, read_options(["light=even"]))
 
 
 def test_a_missing_rest_frame_is_the_median_of_the_least_pressed(tmp_path: Path) -> None:
