@@ -224,9 +224,18 @@ def fit_recording(
 
 
 def follow_spreads(
-    recording: Recording, rows: npt.NDArray[np.intp], advance: Callable[[int], None]
+    recording: Recording,
+    rows: npt.NDArray[np.intp],
+    advance: Callable[[int], None],
+    least: int | None = None,
 ) -> tuple[int, FloatArray, FloatArray]:
     """Follow the pins of frames, and measure how they spread.
+
+    Args:
+        recording: The recording.
+        rows: Rows of the frames.
+        advance: Called with the number of frames that were read.
+        least: Row of the least pressed frame, which stands for a rest frame that is missing.
 
     Returns:
         Number of pins, (N,) spreads, px, and (N, 2) places about which the pins spread, px.
@@ -237,12 +246,15 @@ def follow_spreads(
     from tactibench.markers import Tracker
 
     rest = recording.rest_image()
+    estimated = rest is None and least is not None
+    if rest is None and least is not None:
+        rest = recording.image(least)
     if rest is None:
         raise UserError(
             f"{recording.folder} has no frame of the undeformed sensor, from which pins are "
             "followed; add one as init_0.png."
         )
-    tracker = Tracker(gray(rest))
+    tracker = Tracker(gray(rest), refine=not estimated)  # discs of a pressed frame fit no other
     spread, middle = np.empty(len(rows)), np.empty((len(rows), 2))
     for start in range(0, len(rows), _BATCH):
         batch = rows[start : start + _BATCH]

@@ -17,12 +17,13 @@ import numpy.typing as npt
 import pandas as pd
 
 from tactibench.contacts import FloatArray, Scene
-from tactibench.datasets.labels import role_columns
-from tactibench.datasets.options import PLATE, ImportOptions
+from tactibench.datasets.labels import role_columns, signed_column
+from tactibench.datasets.options import MM_PER, PLATE, ImportOptions
 from tactibench.datasets.pivot import (
     FEWEST,
     Pivot,
     RecordingFit,
+    direction_of,
     fit_recording,
     follow_spreads,
     thinned,
@@ -44,6 +45,13 @@ MOST = 200
 LEAST_RANK = 0.3
 """Least rank correlation of depth with how far the pins or channels move: .75 to .95 where labels
 are right, 0 where they belong to other frames, below 0 where depth counts the other way."""
+LEAST_RANK_UNRESTED = 0.2
+"""The same where movement is measured from the least pressed frame: .4 to .98 with plates, .6 to 1
+with tips, at most .14 where depths belong to other frames."""
+LEAST_FOLLOWING = 0.3
+"""Least correlation of the tilt with the place about which pins spread, measured from the least
+pressed frame: .46 to .86 on public recordings; at most .14 where tilts belong to other frames or an
+edge was turned."""
 _REVERSED = 0.5
 """A rank correlation below minus this is no chance: the depth counts the other way."""
 LEAST_PLACED = 0.6
@@ -58,6 +66,12 @@ MOST_STRETCHED = 4.0
 axis."""
 _DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
 """Limits of the deepest press of a set: no soft sensor gives way farther, or shows less."""
+_STEEPEST_DEG = 60.0
+"""Steepest tilt: a plate that is tilted further presses with its edge, or the label is the angle of
+a robot's tool that hangs down (180 deg)."""
+_UNRESTED = "no rest frame: pins are followed from the least pressed frame"
+_UNKNOWN = "no rest frame, and no depth that says which frame is least pressed: not checked"
+_NOTHING = "all labels are the same in all presses: name the columns that change"
 _WIDEST_MM = 200.0
 """Largest distance of a place from the middle: no such sensor is so wide."""
 
@@ -85,8 +99,9 @@ def check_labels(
 ) -> LabelReport:
     """Compare the labels of a recording with its frames.
 
-    Presses by plates and by single spherical tips are checked. Too few of them, or a recording
-    without a rest frame, are no contradiction.
+    Presses by plates and by single spherical tips are checked; too few of them are no
+    contradiction. Without a rest frame the least pressed frame takes its place, and less is asked.
+    A label that never changes is not checked.
 
     Args:
         recording: The recording.
@@ -110,14 +125,19 @@ def check_labels(
 def _check_plates(
     recording: Recording, options: ImportOptions, advance: Callable[[int], None]
 ) -> LabelReport:
+    wrong: list[str] = []
     try:
-        tilt = role_columns(options, PLATE, recording.labels, recording.table)["tilt"]
-        if np.ptp(recording.labels[tilt.removeprefix("-")]) == 0:
-            wrong = f"the tilt label {tilt} is the same in all presses: no plate was tilted"
-            return LabelReport(0, (), (wrong,))
+        labels = recording.complete_labels()
+        columns = role_columns(options, PLATE, labels, recording.table)
+        depth = signed_column(labels, columns["depth"], MM_PER[options.unit])
+        turn = math.degrees(1) if options.angles == "rad" else 1.0
+        tilt = signed_column(labels, columns["tilt"], turn)
+        wrong += _wrong_plates(depth, tilt)
+        if not wrong and (not np.ptp(depth) or not np.ptp(tilt) or recording.rest_image() is None):
+            return _check_unfitted(recording, depth, tilt, advance)
         fit = fit_recording(recording, options, advance, most=MOST)
     except UserError as error:
-        return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",))
+        return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
     pivot = fit.pivot
     facts = (
         f"the pins' spread follows the depth with a median misfit of {pivot.residual:.1%}",
@@ -129,8 +149,82 @@ def _check_plates(
     return LabelReport(
         pivot.presses + pivot.left_out,
         facts,
-        (contradiction,) if contradiction else (),
+        (*wrong, contradiction) if contradiction else tuple(wrong),
     )
+
+
+def _wrong_plates(depth: FloatArray, tilt: FloatArray) -> list[str]:
+    """Return which labels of plates no plate can have, or that none changes."""
+    if np.ptp(depth) == np.ptp(tilt) == 0:
+        return [_NOTHING]
+    wrong = []
+    if np.ptp(depth) > _DEEPEST_MM:
+        wrong.append(
+            f"the depth label spans {np.ptp(depth):.3g} mm, and no soft sensor gives way by more "
+            f"than {_DEEPEST_MM:g}: check the column of the depth and its unit"
+        )
+    if (steepest := np.abs(tilt).max()) > _STEEPEST_DEG:
+        wrong.append(
+            f"the tilt reaches {steepest:.3g} deg, and no plate is tilted by more than "
+            f"{_STEEPEST_DEG:g}: check the column of the tilt, its zero and its unit"
+        )
+    return wrong
+
+
+def _check_unfitted(
+    recording: Recording, depth: FloatArray, tilt: FloatArray, advance: Callable[[int], None]
+) -> LabelReport:
+    """Check plates where a label never changes, or there is no rest frame: nothing is fitted."""
+    rows = thinned(np.arange(len(recording)), MOST)
+    least = int(rows[np.argmin(depth[rows])])
+    _, spread, middle = follow_spreads(recording, rows, advance, least)
+    rested = recording.rest_image() is not None
+    if not rested and not np.ptp(depth):
+        return LabelReport(0, (_UNKNOWN,))
+    facts = [] if rested else [_UNRESTED]
+    wrong = _unfollowed(spread, depth[rows], "pins", facts, rested=rested)
+    if not np.ptp(tilt):
+        facts.append("the tilt is the same in all presses: not checked")
+    else:
+        _, following = direction_of(middle[rows != least], tilt[rows != least])
+        facts.append(f"the place of the spread follows the tilt with correlation {following:.2f}")
+        if following < LEAST_FOLLOWING:
+            wrong.append(
+                "the pins do not spread where the plate is tilted to (correlation "
+                f"{following:.2f}, at least {LEAST_FOLLOWING:g} is needed)"
+            )
+    return LabelReport(len(rows), tuple(facts), tuple(wrong))
+
+
+def _unfollowed(
+    moved: FloatArray, depth: FloatArray, noun: str, facts: list[str], *, rested: bool = True
+) -> list[str]:
+    """Return how the movement of pins or channels contradicts the depth.
+
+    Args:
+        moved: (N,) how far they move.
+        depth: (N,) mm.
+        noun: "pins" or "channels".
+        facts: List to which findings are added.
+        rested: Whether movement was measured from a rest frame.
+    """
+    if len(depth) < 3 or np.ptp(depth) == 0:
+        facts.append("the depth is the same in all presses that touch: not checked")
+        return []
+    rank = _rank_correlation(moved, depth)
+    facts.append(f"the {noun} move more the deeper the press: rank correlation {rank:.2f}")
+    if rank < -_REVERSED:
+        return [
+            f"the {noun} move less the deeper the label (rank correlation {rank:.2f}): the depth "
+            "counts the other way; write -COLUMN for it"
+        ]
+    least = LEAST_RANK if rested else LEAST_RANK_UNRESTED
+    if rank >= least:
+        return []
+    return [
+        f"how far the {noun} move does not follow the depth (rank correlation {rank:.2f}, at "
+        f"least {least:g} is needed): the column is another one, or rows are shifted"
+    ]
 
 
 def _check_tips(
@@ -144,16 +238,24 @@ def _check_tips(
         np.array([math.nan if pose is None else getattr(pose, name) for pose in poses])
         for name in ("x", "y", "depth")
     )
+    if not np.ptp(np.column_stack([x, y, np.nan_to_num(depth)])[singles], axis=0).any():
+        return LabelReport(0, (), (_NOTHING,))
     wrong = _wrong_units(x[singles], y[singles], depth[singles])
     facts: list[str] = []
     channels = isinstance(recording.kind, ChannelKind)
     rows = singles if channels else thinned(singles, MOST)
     middle = None
+    rested = channels or recording.rest_image() is not None
+    if not rested:
+        if not np.ptp(depth[singles]) > 0:
+            return LabelReport(0, (_UNKNOWN,), tuple(wrong))
+        facts.append(_UNRESTED)
     try:
         if channels:
             moved = np.sqrt(np.square(_deviations(recording, rows)).mean(axis=1))
         else:
-            _, moved, middle = follow_spreads(recording, rows, advance)
+            least = int(rows[np.argmin(depth[rows])])
+            _, moved, middle = follow_spreads(recording, rows, advance, least)
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
     deep = depth[rows]
@@ -165,20 +267,8 @@ def _check_tips(
         if channels:
             wrong += _unlike(_deviations(recording, rows), places, presses, facts)
         return LabelReport(len(rows), tuple(facts), tuple(wrong))
-    touching = deep > 0
-    rank = _rank_correlation(moved[touching], deep[touching])
-    noun = "channels" if channels else "pins"
-    facts.append(f"the {noun} move more the deeper the press: rank correlation {rank:.2f}")
-    if rank < -_REVERSED:
-        wrong.append(
-            f"the {noun} move less the deeper the label (rank correlation {rank:.2f}): the depth "
-            "counts the other way; write -COLUMN for it"
-        )
-    elif rank < LEAST_RANK:
-        wrong.append(
-            f"how far the {noun} move does not follow the depth (rank correlation {rank:.2f}, at "
-            f"least {LEAST_RANK:g} is needed): the column is another one, or rows are shifted"
-        )
+    touching, noun = deep > 0, "channels" if channels else "pins"
+    wrong += _unfollowed(moved[touching], deep[touching], noun, facts, rested=rested)
     places = np.column_stack([x, y])[rows]
     if middle is not None:
         wrong += _misplaced(middle, places, facts)
@@ -239,7 +329,7 @@ def _cached(
 def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
     wrong = []
     deepest, widest = float(depth.max()), float(max(np.abs(x).max(), np.abs(y).max()))
-    if not math.isnan(deepest) and not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
+    if np.ptp(depth) > 0 and not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
         wrong.append(
             f"the deepest press would be {deepest:.3g} mm deep: check the column of the depth, its "
             "sign, its zero (offset_mm) and its unit"
@@ -314,6 +404,7 @@ def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str
         facts: List to which findings are added.
     """
     if np.ptp(xy[:, 0]) == 0 or np.ptp(xy[:, 1]) == 0:
+        facts.append("x or y is the same in all presses: not checked")
         return []
     terms = np.column_stack([np.ones(len(xy)), xy])
     keep = np.ones(len(xy), dtype=bool)

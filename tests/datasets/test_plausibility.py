@@ -46,18 +46,31 @@ def singles(count: int) -> list[Scene]:
 @pytest.fixture(scope="module")
 def pressed(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """Eighty presses of the simulated sensor, as a lab's folder."""
-    folder = tmp_path_factory.mktemp("pressed")
+    return lab_folder(tmp_path_factory.mktemp("pressed"), singles(80))
+
+
+@pytest.fixture(scope="module")
+def tilted(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Eighty presses of a tilted plate, without a frame of the undeformed sensor."""
+    rng = np.random.default_rng(12)
+    poses = rng.uniform((-20, 1), (20, 4.5), (80, 2)).tolist()
+    scenes = [Scene(Indenter.plate(), Pose(tilt=t, depth=d)) for t, d in poses]
+    return replace(lab_folder(tmp_path_factory.mktemp("tilted"), scenes), rest=None)
+
+
+def lab_folder(folder: Path, scenes: list[Scene]) -> Recording:
     sensor = BoundSpec.named(PluginHost().sensors, "tactip-127", {}).build(
         SensorContext(np.random.SeedSequence(1))
     )
-    scenes = singles(80)
-    lines = ["image,x_mm,y_mm,depth_mm"]
+    lines = ["image,x_mm,y_mm,depth_mm,pose_2,pose_6"]
     with sensor:
         (folder / "init_0.png").write_bytes(encode_png(sensor.rest().image))
         for number, frame in enumerate(sensor.press_many(scenes)):
             (folder / f"{number}.png").write_bytes(encode_png(frame.image))
             pose = scenes[number].pose
-            lines.append(f"{number}.png,{pose.x},{pose.y},{pose.depth}")
+            lines.append(
+                f"{number}.png,{pose.x},{pose.y},{pose.depth},{pose.depth - 5},{pose.tilt}"
+            )
     (folder / "labels.csv").write_text("\n".join(lines))
     return open_recording(folder)
 
@@ -131,7 +144,53 @@ def test_places_are_no_plates(pressed: Recording) -> None:
     poses = [scene.pose for scene in pressed.scenes if scene is not None]
     depth = np.array([pose.y for pose in poses])
     report = plates(pressed, pose_2=depth, pose_6=np.zeros(len(poses)))
-    assert "no plate was tilted" in report.contradictions[0]
+    assert "does not follow the depth" in report.contradictions[0]
+    assert "the tilt is the same in all presses: not checked" in report.facts
+
+
+NO_REST: list[tuple[str, Spoil, str]] = [
+    ("as they are", lambda p: p, ""),
+    ("mirrored", lambda p: replace(p, x=-p.x), "mirrored"),
+    ("metres", lambda p: replace(p, depth=p.depth / 1000), "check the column of the depth"),
+    ("depth of 80 mm", lambda p: replace(p, depth=16 * p.depth), "check the column of the depth"),
+    ("one place", lambda p: replace(p, x=0.0), ""),
+    ("one depth", lambda p: replace(p, depth=0.0), ""),
+    ("all alike", lambda p: Pose(depth=1.0), "all labels are the same"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "words"), [s[1:] for s in NO_REST], ids=[s[0] for s in NO_REST])
+def test_tips_are_checked_without_a_rest_frame(
+    pressed: Recording, spoil: Spoil, words: str
+) -> None:
+    """A label that never changes says nothing, and nothing is said against it."""
+    wrong = contradictions(replace(pressed, rest=None), posed(pressed, spoil))
+    assert words in wrong
+    assert bool(words) == bool(wrong)
+
+
+@pytest.mark.parametrize("lag", [-1, 2])
+def test_shifted_rows_are_noticed_without_a_rest_frame(pressed: Recording, lag: int) -> None:
+    scenes = list(pressed.scenes)
+    wrong = contradictions(replace(pressed, rest=None), tuple(scenes[-lag:] + scenes[:-lag]))
+    assert "rows are shifted" in wrong
+
+
+def test_plates_are_checked_without_a_rest_frame(tilted: Recording) -> None:
+    depth, tilt = tilted.labels["pose_2"], tilted.labels["pose_6"]
+    assert plates(tilted, pose_2=depth, pose_6=tilt).contradictions == ()
+    assert plates(tilted, pose_2=0 * depth, pose_6=tilt).contradictions == ()
+    assert plates(tilted, pose_2=depth, pose_6=0 * tilt).contradictions == ()
+    other = np.random.default_rng(3).permutation(tilt)  # an edge that turns about the axis
+    spoiled = {
+        "tilt reaches 179 deg": plates(tilted, pose_2=depth, pose_6=180 - np.abs(tilt) - 1),
+        "depth label spans 3": plates(tilted, pose_2=1000 * depth, pose_6=tilt),
+        "where the plate is tilted to": plates(tilted, pose_2=depth, pose_6=other),
+        "does not follow the depth": plates(tilted, pose_2=np.roll(depth, 1), pose_6=tilt),
+        "all labels are the same": plates(tilted, pose_2=0 * depth, pose_6=0 * tilt),
+    }
+    for words, report in spoiled.items():
+        assert words in "; ".join(report.contradictions)
 
 
 @pytest.mark.long
