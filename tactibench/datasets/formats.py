@@ -4,23 +4,30 @@ bristol      targets.csv of the Bristol tactile stack. Generations differ in the
              the frames (image_name; sensor_image), in the labels (pose_1 ... pose_6; pose_x ...
              pose_Rz, with shear_* and object_*), in the folder of the frames and in the files that
              say how they were taken (meta.json; *_params.json).
-csv          one CSV file that names frames, with labels beside the names.
+csv          one table that names frames, with labels beside the names; or a video and a table with
+             a row for each of its frames.
 
-Frames are looked for inside their folder only; every file is read once, checked and hashed.
+Frames are looked for inside their folder only, by the last parts of their names where these come
+from another machine; every file is read once, checked and hashed.
 """
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Collection, Iterable, Sequence
+import zlib
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
+from tactibench.contacts import Scene
 from tactibench.datasets.labels import (
+    ALIAS,
     CONTACT_COLUMNS,
     choose_indenter,
     normal_forces,
@@ -29,12 +36,28 @@ from tactibench.datasets.labels import (
     signed_column,
     tip_columns,
 )
-from tactibench.datasets.options import AUTO, FRAME_FOLDERS, NONE, REFUSE, ImportOptions
+from tactibench.datasets.options import (
+    AUTO,
+    DEG_PER,
+    FRAME_FOLDERS,
+    MM_PER,
+    NONE,
+    REFUSE,
+    ImportOptions,
+    stated_unit,
+)
+from tactibench.datasets.pictures import (
+    VIDEOS,
+    check_picture,
+    is_picture,
+    is_rest_name,
+    video_frames,
+)
 from tactibench.datasets.recording import FloatArray, Recording, prepare_frames
 from tactibench.datasets.schema import Forces, is_dataset
-from tactibench.datasets.tables import Table, read_table
+from tactibench.datasets.tables import Table, is_table, read_table, shown
 from tactibench.errors import UserError
-from tactibench.png import ImageKind, check_png, read_file
+from tactibench.png import ImageKind, read_file
 from tactibench.records import read_json
 
 TARGETS = ("targets.csv", "targets_images.csv")
@@ -48,8 +71,12 @@ _MOSTLY_NUMBERS = 0.5
 """A column of which this share are numbers is meant as numbers; its other cells are mistakes."""
 _SAME_PLACE = 0.01
 """Numbers that are no further apart are one place, mm or deg: robots come back to a few um."""
-_BITS_AT, _MOST_BITS = 24, 8
-"""Place of the byte in a PNG that holds the bits per channel, and the most bits of a frame."""
+_LONGEST_PLACE = 0.1
+"""Extent of rows that are one place; a path of close rows is longer."""
+_FEWEST_PLACES = 5
+"""Places from which rows are divided by place: of fewer, none would be left to test on."""
+_FROZEN = 5
+"""Rows with one signal in a row that no sensor gives while presses change; cameras repeat one."""
 
 
 def find_targets(folder: Path) -> Path | None:
@@ -70,15 +97,41 @@ def recording_folder(folder: Path) -> Path:
         below = list(folder.iterdir())
     except OSError as error:
         raise UserError(f"{folder} cannot be listed: {error.strerror}.") from None
-    if is_dataset(folder) or any(folder.glob("*.csv")):
+    if is_dataset(folder) or any(map(is_table, below)):
         return folder
     inner = [child for child in below if child.is_dir() and find_targets(child)]
     return inner[0] if len(inner) == 1 else folder
 
 
+def find_tables(folder: Path) -> list[Path]:
+    """Return the tables of a folder; where it has none, those of the folders directly in it."""
+    here = sorted(filter(is_table, folder.iterdir()))
+    below = (
+        path for place in sorted(folder.iterdir()) if place.is_dir() for path in place.iterdir()
+    )
+    return here or sorted(filter(is_table, below))
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Return a file of a folder.
+
+    Raises:
+        UserError: The file lies outside of the folder, or is not there.
+    """
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise UserError(f"{path} lies outside of {folder}; name a file in it.")
+    if not path.is_file():
+        files = shown(sorted(p.name for p in folder.iterdir() if p.is_file())) or "no file"
+        raise UserError(f"{folder} holds no {name}; there is {files}.")
+    return path
+
+
 def frame_places(folder: Path) -> tuple[Path, ...]:
     """Return a folder and those in it, the usual folders of frames first."""
-    below = sorted(path for path in folder.iterdir() if path.is_dir())
+    below = sorted(
+        path for path in folder.iterdir() if path.is_dir() and not path.name.startswith((".", "__"))
+    )
     usual = [folder / name for name in FRAME_FOLDERS if folder / name in below]
     return (folder, *usual, *(path for path in below if path not in usual))
 
@@ -93,19 +146,29 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
     path = _table_path(folder, options.table)
     data = read_file(path)
     table = read_table(path, data)
-    column = table.column(options.column) if options.column else table.column(*NAMES)
-    bristol = path.name in TARGETS and column in NAME_COLUMNS
-    names = frame_names(path, table.cells[column])
-    places = _places(folder, options, bristol=bristol)
-    frames = next((place for place in places if (place / names[0]).is_file()), places[0])
-    files = _find_frames(path, names, places, options)
+    if (video := find_video(folder)) is not None:
+        frames, bristol, column = video_frames(video), False, options.column
+        names = _video_names(table, column, frames)
+        places: tuple[Path, ...] = (frames,)
+    else:
+        column = table.column(options.column) if options.column else table.column(*NAMES)
+        bristol = path.name in TARGETS and column in NAME_COLUMNS
+        names = frame_names(path, map(str, table.cells[column]))
+        places = _places(folder, options, bristol=bristol)
+    files, frames = _find_frames(path, folder, names, places, options)
     rows = [row for row, file in enumerate(files) if file is not None]
     paths = tuple(file for file in files if file is not None)
-    rest = _find_rest(frames, set(paths))
+    rest = None if video is not None else _find_rest(frames, set(paths), lettered=bristol)
     columns = [name for name in table.columns if _LABEL.fullmatch(name)] if bristol else None
     facts = read_labels(table, names, rows, options, name=column, columns=columns)
-    kind, sha256 = check_frames(data, paths, rest)
+    kind, bits, sha256, hashes = check_frames(data, paths, rest)
+    refuse_frozen(path, np.array(hashes), rows, facts)
     about, notes = _read_about(folder)
+    notes += facts.pop("notes")
+    if rest is not None and rest.stem == "image_0":
+        notes.append(f"{rest.name}, which no row lists, is taken for the frame at rest.")
+    if bits > 8:
+        notes.append(f"frames have up to {bits} bits a pixel; they become 8.")
     there = [name for name in CONTACT_COLUMNS if name in table.columns]
     lacking = [name for name in CONTACT_COLUMNS if name not in facts["labels"]]
     if there and lacking and options.indenter == AUTO:
@@ -123,6 +186,7 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
         paths=paths,
         frames=frames,
         stored=kind,
+        bits=bits,
         rest=rest,
         sha256=sha256,
         about=about,
@@ -134,21 +198,19 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
 
 def _table_path(folder: Path, name: str) -> Path:
     if name:
-        if not (folder / name).is_file():
-            raise UserError(f"{folder} holds no {name}; name another folder.")
-        return folder / name
+        return inside(folder, name)
     if targets := find_targets(folder):
         return targets
-    paths = sorted(folder.glob("*.csv"))
+    paths = find_tables(folder)
     if not paths:
         raise UserError(
-            f"{folder} holds no {TARGETS[0]}, no dataset.json and no other CSV file; name a folder "
+            f"{folder} holds no {TARGETS[0]}, no dataset.json and no other table; name a folder "
             "of recorded frames."
         )
     if len(paths) > 1:
-        names = ", ".join(path.name for path in paths)
+        names = shown([path.relative_to(folder).as_posix() for path in paths])
         raise UserError(
-            f"{folder} holds several CSV files ({names}); make a data set of them with `tactibench "
+            f"{folder} holds several tables ({names}); make a data set of them with `tactibench "
             f"data import {folder} NEW --param table=FILE --guess` (channels: --param "
             "channels=FILE, too)."
         )
@@ -166,24 +228,27 @@ def _read_about(folder: Path) -> tuple[dict[str, Any], list[str]]:
     return about, notes
 
 
+def frame_name(cell: str) -> str:
+    """Return the name of a frame with '/' as separator, "" for none.
+
+    A name from another machine counts from its last part that leads up, or from its root.
+    """
+    text = re.sub(r"^[A-Za-z]:", "", cell.strip().replace("\\", "/").replace("\0", ""))
+    name = PurePosixPath(re.sub(r"^(.*/)?\.\./", "", text).lstrip("/"))
+    return "" if name == PurePosixPath() else str(name)
+
+
 def frame_names(path: Path, cells: Iterable[str]) -> tuple[str, ...]:
     """Return the names of frames with '/' as separator, in the order of the table.
 
     Raises:
-        UserError: A name is empty, leads out of its folder, or is listed twice.
+        UserError: A name is empty, or is listed twice.
     """
     row_of: dict[str, int] = {}
     for row, cell in enumerate(cells, start=1):
-        text = cell.strip().replace("\\", "/")
-        if not text:
+        if not (name := frame_name(cell)):
             raise UserError(f"{path} row {row} names no frame; every row needs a file name.")
-        name = PurePosixPath(text)
-        if name.is_absolute() or ".." in name.parts or ":" in text or "\0" in text:
-            raise UserError(
-                f"{path} row {row} names {cell!r}; a frame's name must be relative, stay inside "
-                "the frames folder and hold no ':'."
-            )
-        if (first := row_of.setdefault(str(name), row)) != row:
+        if (first := row_of.setdefault(name, row)) != row:
             raise UserError(
                 f"{path} rows {first} and {row} both name the frame {name}; a frame may be listed "
                 "once."
@@ -206,26 +271,119 @@ def _places(folder: Path, options: ImportOptions, *, bristol: bool) -> tuple[Pat
 
 
 def _find_frames(
-    table: Path, names: Sequence[str], places: Sequence[Path], options: ImportOptions
-) -> list[Path | None]:
-    """Return the file of every name; None for a missing one where the options skip its row."""
-    paths = [
-        next((place / name for place in places if (place / name).is_file()), None) for name in names
-    ]
-    absent = [name for name, path in zip(names, paths, strict=True) if path is None]
+    table: Path, folder: Path, names: Sequence[str], places: Sequence[Path], options: ImportOptions
+) -> tuple[list[Path | None], Path]:
+    """Return the file of every name, and the folder from which names count.
+
+    A file is None where it is missing and the options skip its row.
+    """
+    found = [find_frame(folder, places, name) for name in names]
+    absent = [name for name, hits in zip(names, found, strict=True) if not hits]
     if absent and (options.missing == REFUSE or len(absent) == len(names)):
         more = f" (and {len(absent) - 1:,} more)" if len(absent) > 1 else ""
         raise UserError(
             f"{table} names the frame {absent[0]}{more}, which is not in {places[0]}; add the "
             "files or remove their rows."
         )
-    return paths
+    files = [next(iter(hits.values()), None) for hits in found]
+    usual = {folder, *(folder / name for name in FRAME_FOLDERS)}
+    used = dict.fromkeys(
+        place for hits in found for place in ([*hits][:1] if usual & {*hits} else hits)
+    )
+    sides = {part.lower() for name in names for part in PurePosixPath(name).parts[:-1]}
+    if len(used) > 1 or {"left", "right"} <= sides:
+        where = ", ".join(place.name for place in used)
+        raise UserError(
+            f"{table} names frames that are in {where}, maybe of different sensors; say which "
+            "with --param frames=FOLDER (--param missing=skip leaves out rows without a frame)."
+        )
+    listed: dict[Path, int] = {}
+    for row, file in enumerate(files, start=1):
+        if file is not None and (first := listed.setdefault(file, row)) != row:
+            raise UserError(
+                f"{table} rows {first} and {row} both name the frame {file.name}; a frame may be "
+                "listed once."
+            )
+    return files, next(iter(used))
 
 
-def _find_rest(folder: Path, listed: set[Path]) -> Path | None:
-    """Return init_0.png, another *init*.png, or the image_0.png of newer recordings."""
-    paths = [folder / "init_0.png", *sorted(folder.glob("*init*.png")), folder / "image_0.png"]
-    return next((path for path in paths if path not in listed and path.is_file()), None)
+def find_frame(folder: Path, places: Sequence[Path], name: str) -> dict[Path, Path]:
+    """Return place -> file of a frame, found by as many last parts of its name as fit.
+
+    A folder of the recording in a name is never left out: right/0.png is not in left.
+
+    Args:
+        folder: The recording.
+        places: Folders in which frames are looked for.
+        name: The frame's name, which may be absolute or from another machine.
+    """
+    parts = PurePosixPath(name).parts
+    for start in range(len(parts)):
+        above = folder / parts[start - 1] if start else None
+        free = [p for p in places if above is None or p == above or not above.is_dir()]
+        hits = {place: place.joinpath(*parts[start:]) for place in free}
+        if hits := {place: file for place, file in hits.items() if file.is_file()}:
+            return hits
+    return {}
+
+
+def find_video(folder: Path) -> Path | None:
+    """Return the only video of a folder that holds no pictures."""
+    videos = [path for path in folder.iterdir() if is_picture(path, VIDEOS)]
+    return videos[0] if len(videos) == 1 and not any(map(is_picture, folder.rglob("*"))) else None
+
+
+def _video_names(table: Table, column: str, frames: Path) -> tuple[str, ...]:
+    """Return the files of a video's frames, which the rows name by numbers from 0 or 1."""
+    count = sum(is_picture(path) for path in frames.iterdir())
+    numbers = np.arange(len(table), dtype=np.float64)
+    if column:
+        numbers = table.numbers(table.column(column))
+        numbers = numbers - (numbers.min() >= 1 and numbers.max() == count)
+    if (not column and len(table) != count) or not np.isin(numbers, np.arange(count)).all():
+        raise UserError(
+            f"{table.path} has {len(table):,} rows, and the video {count:,} frames; name a column "
+            "with the numbers of its frames, from 0, with --param column=COLUMN."
+        )
+    return tuple(f"{int(number)}.png" for number in numbers)
+
+
+def _find_rest(folder: Path, listed: set[Path], *, lettered: bool) -> Path | None:
+    """Return the unlisted frame that is called init, rest or the like.
+
+    Newer Bristol recordings count frames from 1, and image_0 shows the sensor at rest.
+    """
+    paths = sorted(path for path in folder.iterdir() if is_picture(path) and path not in listed)
+    named = [path for path in paths if is_rest_name(path)]
+    first = [path for path in paths if lettered and path.name == "image_0.png"]
+    return next(iter([*named, *first]), None)
+
+
+def refuse_frozen(
+    table: Path, signals: npt.NDArray[Any], rows: Sequence[int], facts: Mapping[str, Any]
+) -> None:
+    """Refuse signals that stand still while presses change: the camera or the log hung.
+
+    Args:
+        table: The file of the labels, for errors.
+        signals: (N,) or (N, C) what must differ from row to row.
+        rows: Rows of the table.
+        facts: Fields of a recording that come from its labels.
+    """
+    if len(rows) <= _FROZEN:
+        return
+    same = (signals[1:] == signals[:-1]).reshape(len(rows) - 1, -1).all(axis=1)
+    scenes = facts["scenes"]
+    touching = np.array([s is not None and not s.pose.depth <= 0 for s in scenes])
+    changes = np.array([one != two for one, two in pairwise(scenes)], dtype=bool)
+    frozen = same & changes & touching[1:]
+    runs = np.convolve(frozen, np.ones(_FROZEN)) >= _FROZEN
+    if runs.any():
+        row = rows[int(np.argmax(runs)) + 1] + 1
+        raise UserError(
+            f"{table} row {row}: the signal is that of the {_FROZEN} rows before while the presses "
+            f"change ({frozen.sum():,} such rows); the sensor stood still there, remove the rows."
+        )
 
 
 def read_labels(
@@ -266,8 +424,9 @@ def read_labels(
     columns = tuple(dict.fromkeys([*columns, *(c for c in table.columns if c in needed)]))
     labels = {column: table.numbers(column, allow_empty=column in empty) for column in columns}
     roles = role_columns(options, indenter, labels, table.path)
-    scenes = scenes_of(labels, roles, options, indenter, table.path)
-    presses = read_presses(table, options) or names
+    in_units = {column: _factor(column, options) * values for column, values in labels.items()}
+    scenes = scenes_of(in_units, roles, options, indenter, table.path)
+    presses, note = read_presses(table, names, options, place_keys(scenes, labels))
     forces: Sequence[Forces | None] = [None] * len(names)
     if scenes is not None and "force" in roles:
         newtons = signed_column(labels, roles["force"])
@@ -285,30 +444,95 @@ def read_labels(
             if column not in {*columns, *others, name}
         },
         "dome_radius_mm": None if indenter == NONE else options.surface_radius_mm,
+        "notes": table.notes + note,
     }
 
 
-def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None:
-    """Return the press of every row: rows that agree in all named columns share one.
+def _factor(column: str, options: ImportOptions) -> float:
+    """Return the factor from the unit that a column's name states to that of the options."""
+    stated = stated_unit(column)
+    if stated in MM_PER:
+        return MM_PER[stated] / MM_PER[options.unit]
+    return DEG_PER[stated] / DEG_PER[options.angles] if stated in DEG_PER else 1.0
 
-    Texts agree where they are equal, numbers where a robot came back to one place. A press is named
-    after the cells of its first row. None where the options name no column.
+
+def place_keys(
+    scenes: Sequence[Scene] | None, labels: Mapping[str, FloatArray]
+) -> FloatArray | None:
+    """Return (N, K) numbers that rows of one place share; None where no place is known.
+
+    A place is where tips are, at whatever depth, and the whole pose of a plate or of a robot. Rows
+    that touch nothing have no place, and share none.
     """
-    if not options.press:
-        return None
-    columns = [table.column(name.strip()) for name in options.press.split(",")]
-    cells = [" ".join(row) for row in zip(*(table.cells[name] for name in columns), strict=True)]
-    numbers = [
-        table.numbers(name)
-        if table.numeric_share(name) == 1
-        else np.unique(list(table.cells[name]), return_inverse=True)[1]
-        for name in columns
-    ]
+    if scenes is None:
+        poses = [values for name, values in labels.items() if name in ALIAS]
+        return np.column_stack(poses) if len(poses) > 1 else None
+    keys = np.zeros((len(scenes), 6))
+    for row, scene in enumerate(scenes):
+        pose, offsets = scene.pose, np.array(scene.indenter.offsets)
+        depth = pose.depth if scene.indenter.is_plate else 0.0
+        keys[row] = pose.x, pose.y, pose.yaw, pose.tilt, depth, np.abs(offsets).sum()
+        keys[row, 0] += 1e6 * row if pose.depth <= 0 and not scene.indenter.is_plate else 0.0
+    return keys
+
+
+def read_presses(
+    table: Table, names: Sequence[str], options: ImportOptions, places: FloatArray | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the press of every row, and a note on them.
+
+    Rows that agree in all columns that the options name share a press, and so do rows at one place.
+    Texts agree where they are equal, numbers where a robot came back to one place. A press is named
+    after its first row.
+
+    Args:
+        table: The labels.
+        names: Names of the rows.
+        options: Names of the columns.
+        places: (N, K) keys of the places, see ``place_keys``.
+    """
+    groups, note = [], ""
+    if options.press:
+        columns = [table.column(name.strip()) for name in options.press.split(",")]
+        cells = (map(str, table.cells[name]) for name in columns)
+        names = [" ".join(row) for row in zip(*cells, strict=True)]
+        numbers = [
+            table.numbers(name)
+            if table.numeric_share(name) == 1
+            else np.unique(list(table.cells[name]), return_inverse=True)[1]
+            for name in columns
+        ]
+        groups.append(_same_places(np.column_stack(numbers)))
+    if places is not None:
+        place = _same_places(places)
+        reach = pd.DataFrame(places).groupby(place)
+        if float((reach.max() - reach.min()).to_numpy().max()) > _LONGEST_PLACE:
+            # Rows on a path have neighbours all along it: only equal ones are one place.
+            place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
+        count = int(place.max()) + 1
+        if _FEWEST_PLACES <= count < len(place):
+            groups.append(place)
+            note = f"{count:,} places: rows at one place are one press, which trains or tests."
+        elif count < min(_FEWEST_PLACES, len(place)):
+            note = f"only {count:,} places: rows at one place train and test."
     first: dict[int, str] = {}
-    groups = _same_places(np.column_stack(numbers))
-    return tuple(
-        first.setdefault(group, cell) for group, cell in zip(groups.tolist(), cells, strict=True)
-    )
+    group = _linked(groups) if groups else np.arange(len(names))
+    presses = (first.setdefault(at, name) for at, name in zip(group.tolist(), names, strict=True))
+    return tuple(presses), (note,) if note else ()
+
+
+def _linked(groups: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
+    """Return the (N,) groups of rows that any of several groupings puts together."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    rows, links = np.arange(len(groups[0])), []
+    for group in groups:
+        first = np.unique(group, return_index=True)[1]
+        links.append(np.stack([rows, first[np.unique(group, return_inverse=True)[1]]]))
+    one, two = np.concatenate(links, axis=1)
+    graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(rows), len(rows)))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _same_places(points: FloatArray) -> npt.NDArray[np.int64]:
@@ -325,7 +549,9 @@ def _same_places(points: FloatArray) -> npt.NDArray[np.int64]:
     return np.asarray(group[place_of.ravel()], dtype=np.int64)
 
 
-def check_frames(table: bytes, paths: Sequence[Path], rest: Path | None) -> tuple[ImageKind, str]:
+def check_frames(
+    table: bytes, paths: Sequence[Path], rest: Path | None
+) -> tuple[ImageKind, int, str, list[int]]:
     """Read every file once.
 
     Args:
@@ -334,29 +560,30 @@ def check_frames(table: bytes, paths: Sequence[Path], rest: Path | None) -> tupl
         rest: File of the undeformed frame.
 
     Returns:
-        Size and colours of every frame, and the sha256 over the table, all frames and the rest
-        frame.
+        Size and colours of every frame, the most bits of a pixel, the sha256 over the table, all
+        frames and the rest frame, and a number for every frame that equal files share.
 
     Raises:
-        UserError: A frame is no sound PNG of 8 bits, or differs from the others.
+        UserError: A frame cannot be decoded, or differs from the others.
     """
     digest = hashlib.sha256(table)
     first: ImageKind | None = None
+    depths: set[int] = set()
+    contents = []
     for path in (*paths, *([] if rest is None else [rest])):
         data = read_file(path)
-        kind = check_png(path, data)
-        if data[_BITS_AT] > _MOST_BITS:
-            raise UserError(
-                f"{path} has {data[_BITS_AT]} bits a pixel; frames have 8: convert them first."
-            )
+        kind, bits = check_picture(path, data)
         first = first or kind
-        if kind != first:
+        depths.add(bits)
+        if kind != first or (0 in depths and len(depths) > 1):
+            what = f"{kind} of 16 bits a pixel" if bits else f"{kind}"
             raise UserError(
-                f"{path} is {kind}, but {paths[0].name} is {first}; "
+                f"{path} is {what}, but {paths[0].name} is {first}; "
                 "all frames of a recording, the rest frame included, must be alike."
             )
         # The length keeps two files from passing for one.
         digest.update(len(data).to_bytes(8, "little"))
         digest.update(data)
+        contents.append(zlib.crc32(data))
     assert first is not None, "a table has at least one row"  # noqa: S101
-    return first, digest.hexdigest()
+    return first, max(8, *depths), digest.hexdigest(), contents[: len(paths)]

@@ -1,56 +1,57 @@
-"""A mapping file: the options of an import as TOML, guessed from a table, corrected by a person.
+"""A mapping file: the options of an import as TOML, guessed from a folder, corrected by a person.
 
-Columns are recognised by the words in their names, units and signs also by their values. Facts that
-a table does not state, such as the place of 0, are guessed and marked in the file.
+Files tell which of them holds what; evidence tells what their columns mean (``roles``). What is not
+known is asked for, or left out and named with the line to write.
 """
 
 from __future__ import annotations
 
-import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import groupby
+from math import prod
 from pathlib import Path
 
 import numpy as np
 
-from tactibench.datasets.formats import frame_places
-from tactibench.datasets.labels import is_number, named, texts
-from tactibench.datasets.options import (
-    DUAL,
-    MM_PER,
-    SINGLE,
-    TIPS,
-    ImportOptions,
-    read_options,
-    stated_unit,
+from tactibench.datasets.formats import (
+    find_frame,
+    find_tables,
+    find_video,
+    frame_name,
+    frame_places,
+    inside,
 )
-from tactibench.datasets.tables import FloatArray, Table, read_table
-from tactibench.datasets.vectors import read_label_table
+from tactibench.datasets.options import AUTO, FRAME_FOLDERS, ImportOptions, read_options
+from tactibench.datasets.pictures import check_picture, is_picture, read_picture
+from tactibench.datasets.roles import (
+    Evidence,
+    counts_up,
+    find_press,
+    find_roles,
+    is_numeric,
+    stem,
+    take_apart,
+    words,
+)
+from tactibench.datasets.tables import FloatArray, Table, read_table, shown
 from tactibench.errors import UserError
 from tactibench.png import read_file
 from tactibench.records import atomic
 
-_WORDS = {
-    "x": (r"x", r"[cp]x|pos(ition)?x|x(c|pos)"),
-    "y": (r"y", r"[cp]y|pos(ition)?y|y(c|pos)"),
-    "depth": (r".*depth.*", r"indent.*", r"penetr.*", r"z"),
-    "spacing": (r"spacing", r"separation", r"dist(ance)?", r"gap"),
-    "yaw": (r"yaw", r"rot(ation)?", r"orientation", r"angle", r"theta"),
-    "press": (r"press(es)?", r"trial", r"touch", r"poke"),
-}
-"""Words by which a column is recognised, the surest first."""
-_OTHER = {"pixel", "pixels", "force", "torque", "fx", "fy", "fz", "velocity", "target", "cmd"}
-"""Words of columns that hold something else than the place of the tip."""
-_PIXELS = {"px"}
-"""Words that are a unit, unless the name begins with them: px, py are also places."""
-_TURNS = {"deg", "rad", "degree", "degrees", "radian", "radians"}
-_MAY_BE_NUMBER = {"spacing", "yaw"}
-"""Roles for which one number may stand in place of a column."""
-_FEWEST_PRESSES = 30
-"""A column with fewer different names holds numbers of repeats, or sessions, and no presses."""
-_FAR_MM = 20.0
-"""No soft sensor is pressed so deep: such depths are heights of a robot."""
+_MOST_LABELS = 8
+"""Columns that the labels of a press have at most: more are channels."""
+_GRID = 0.2
+"""Most different values of a column of places on a grid, as a share of its rows."""
+_PROBED = 60
+"""Frames that are read to learn whether the signal follows a column."""
+_MOST_ROWS = 1500
+"""Rows that are compared with each other: about a second."""
+_LEAST_SERIES = 3
+"""Columns with names in a series that are channels: fewer may be labels."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,12 @@ class Guess:
     Attributes:
         options: Option -> value as text.
         remarks: Option -> source of the value, or what a person should check.
+        unused: Column that has no role -> the reason.
     """
 
     options: Mapping[str, str]
     remarks: Mapping[str, str]
+    unused: Mapping[str, str] = field(default_factory=dict)
 
     def text(self) -> str:
         """Return the mapping file."""
@@ -75,6 +78,10 @@ class Guess:
             remark = f"  # {self.remarks[name]}" if name in self.remarks else ""
             quoted = value.replace("\\", "\\\\").replace('"', '\\"')
             lines.append(f'{name} = "{quoted}"{remark}')
+        for reason, names in groupby(
+            sorted(self.unused, key=self.unused.__getitem__), self.unused.get
+        ):
+            lines.append(f"# not used, {reason}: {shown(list(names), most=8)}")
         return "\n".join(lines) + "\n"
 
 
@@ -118,179 +125,252 @@ def write_mapping(path: Path, guess: Guess) -> None:
 
 
 def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
-    """Guess the options for a folder of frames with a table.
+    """Guess the options for a folder of frames or channels with a table.
 
     Args:
-        folder: Folder with a CSV file, and with the frames in it or in a folder below; or with the
-            file of channels that ``params`` name.
+        folder: Folder with tables and the files that they name, also in folders directly below.
         params: Options that are known, as NAME=VALUE; they are not guessed.
 
     Raises:
-        UserError: No table names frames of the folder, or no column is a place or a depth.
+        UserError: The files do not tell what holds labels and what the signals, or columns do not
+            tell where a press was; the sentence says what to write.
     """
     if not folder.is_dir():
         raise UserError(f"{folder} is no folder; give the one that holds the table.")
     given = dict(text.partition("=")[::2] for text in params)
     known = read_options(params)  # an unknown option is named before anything is written
-    remarks: dict[str, str] = {}
-    if known.channels:
-        table, column = read_label_table(folder, known)[0], ""
-        options = {"table": table.path.name, "surface": "flat"}
-        remarks["surface"] = "no table says it; remove the line if a dome is pressed"
-    else:
-        table, column, frames = _find_table(folder, given.get("table", ""))
-        options = {"table": table.path.name, "column": column}
+    evidence = Evidence(lambda: np.empty(0), lambda _: None, dict(given))
+    found = None if known.channels or known.channel_columns else _find_frames(folder, known)
+    if found is not None:
+        table, column, frames = found
+        evidence.give("table", table.path.relative_to(folder).as_posix())
+        evidence.give("column", column)
         if frames != folder:
-            options["frames"] = frames.relative_to(folder).as_posix()
-    numeric = [n for n in table.columns if n != column and _is_numeric(table, n)]
-    columns = {role: _columns_of(role, numeric) for role in _WORDS if role != "press"}
-    for role in columns.keys() & given:
-        columns[role] = [
-            name if role in _MAY_BE_NUMBER and is_number(name) else table.column(name)
-            for name in named(given[role])
-        ]
-    missing = [role for role in ("x", "y", "depth") if not columns[role]]
-    if missing:
-        raise UserError(
-            f"{table.path} has no column that looks like {' or '.join(missing)}; its columns are "
-            f"{', '.join(table.columns)}. Say which it is with --param {missing[0]}=COLUMN; of a "
-            "plate, `tactibench data fit` reads the tilt."
-        )
-    lists_tips = len(columns["x"]) == len(columns["y"]) == len(columns["depth"]) > 1
-    options["indenter"] = TIPS if lists_tips else DUAL if columns["spacing"] else SINGLE
-    for role in ("x", "y", "depth"):
-        first, *others = columns[role]
-        options[role] = ",".join(columns[role]) if lists_tips else first
-        if others and not lists_tips:
-            remarks[role] = f"or {', '.join(others)}?"
-    if options["indenter"] == DUAL:
-        options["spacing"] = columns["spacing"][0]
-        if columns["yaw"]:
-            options["yaw"] = columns["yaw"][0]
-            remarks["yaw"] = "0: the pair lies along x"
-        heights = [n for n in numeric if {"height", "h"} & {*_words(n)} and re.search(r"\d", n)]
-        if len(heights) == 2:
-            options["heights"] = ",".join(heights)
-    press = _columns_of("press", [n for n in table.columns if n != column])
-    if press and len(set(table.cells[press[0]])) >= _FEWEST_PRESSES:
-        options["press"] = press[0]
-        remarks["press"] = "frames of one press train or test, never both"
-    options |= given  # before units and zeros are guessed: they depend on what is known
-    _guess_units(options, remarks, table)
-    _guess_zeros(options, remarks, table, is_signed="depth" in given)
-    options.setdefault("radius_mm", "3.0")
-    remarks["radius_mm"] = "of the tip; no table says it"
-    return Guess(options, {k: v for k, v in remarks.items() if k not in given})
+            evidence.give("frames", frames.relative_to(folder).as_posix())
+        evidence.strength = lambda: _strength_of_frames(folder, frames, table, column)
+        candidates = [name for name in table.columns if name != column]
+    else:
+        table, candidates = _find_channels(folder, known, evidence)
+        evidence.give("surface", "flat", "no table says it; write dome if a dome is pressed")
+    numbers = [name for name in candidates if is_numeric(table, name)]
+    find_roles(table, [name for name in numbers if name not in table.signals], evidence)
+    find_press(table, candidates, evidence)
+    options = evidence.options
+    evidence.give("radius_mm", "3.0", "of the tip; no table says it")
+    used = {name.removeprefix("-") for text in options.values() for name in text.split(",")}
+    for name in candidates:
+        if name not in used:
+            evidence.unused.setdefault(name, _reason(table, name, name in numbers))
+    unused = {name: why for name, why in evidence.unused.items() if name not in used}
+    return Guess(options, {k: v for k, v in evidence.remarks.items() if k not in given}, unused)
 
 
-def _words(name: str) -> list[str]:
-    """Return the words and numbers in a column's name: "contactX_1 [mm]" has contact, x, 1, mm."""
-    parts = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", parts)]
+def _reason(table: Table, name: str, is_numeric: bool) -> str:
+    """Return why a column has no role."""
+    if not is_numeric:
+        return "no numbers"
+    if counts_up(table, name):
+        return "it counts up, a time or a counter"
+    if np.ptp(table.numbers(name, allow_empty=True)) == 0:
+        return "never changes"
+    part = take_apart(name)
+    return "another quantity" if part.is_else or part.axis else "its name says nothing known"
 
 
-def _is_numeric(table: Table, name: str) -> bool:
-    """Return whether nearly all filled cells of a column are numbers.
-
-    Empty cells do not count: a column of tips that seldom press is mostly empty.
-    """
-    cells = [cell for cell in map(str, table.cells[name]) if cell.strip()]
-    return bool(cells) and table.numeric_share(name) * len(table) >= 0.9 * len(cells)
-
-
-def _columns_of(role: str, names: Sequence[str]) -> list[str]:
-    """Return the columns with the surest word of a role, in the order of their numbers."""
-    for word in _WORDS[role]:
-        columns = [n for n in names if any(re.fullmatch(word, w) for w in _words(n))]
-        columns = [n for n in columns if not (_OTHER | _PIXELS & {*_words(n)[1:]}) & {*_words(n)}]
-        if columns:
-            return sorted(columns, key=lambda n: ([int(w) for w in _words(n) if w.isdigit()]))
-    return []
-
-
-def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
-    """Guess units from names, or from values that are too small for mm or degrees."""
-    places = named(options["x"]) + named(options["y"])
-    units = {unit for name in places if (unit := stated_unit(name)) in MM_PER}
-    if units:
-        options.setdefault("unit", str(sorted(units)[0]))
-    elif "unit" not in options:
-        largest = float(np.nanmax(np.abs(_values(table, places))))
-        if largest < 0.1:  # 100 um across: no sensor of this kind is so small
-            options["unit"] = "m"
-            remarks["unit"] = f"places reach only {largest:g}"
-        else:
-            remarks["x"] = "; ".join(filter(None, [remarks.get("x", ""), "taken as mm"]))
-    if "yaw" in options and "angles" not in options and not is_number(options["yaw"]):
-        words = set(_words(options["yaw"]))
-        largest = float(np.nanmax(np.abs(_values(table, texts(options["yaw"])))))
-        if words & {"rad", "radian", "radians"} or (not words & _TURNS and largest <= 6.3):
-            options["angles"] = "rad"
-            remarks["angles"] = f"turns reach {largest:.3g}"
-
-
-def _guess_zeros(
-    options: dict[str, str], remarks: dict[str, str], table: Table, *, is_signed: bool
-) -> None:
-    """Guess the zeros of places that never reach 0, and the sign and the zero of depths.
-
-    Args:
-        options: Option -> value; zeros that are there stay.
-        remarks: Option -> source of the value.
-        table: The labels.
-        is_signed: Whether the sign of the depth is known.
-    """
-    factor = MM_PER[options.get("unit", "mm")]
-    for axis in "xy":  # a zero is that of the column as it stands, also where it is negated
-        values = factor * _values(table, named(options[axis]))
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        if (low > 0 or high < 0) and f"{axis}_zero_mm" not in options:
-            middle = (low + high) / 2
-            options[f"{axis}_zero_mm"] = f"{middle:.6g}"
-            remarks[f"{axis}_zero_mm"] = f"the middle of {low:.4g} to {high:.4g} mm: check it"
-    names = texts(options["depth"])
-    values = factor * _values(table, names)
-    if not is_signed and float(np.nanmedian(values)) < 0:
-        options["depth"] = ",".join(f"-{name}" for name in names)
-        remarks["depth"] = "negative values are taken as deeper"
-        values = -values
-    low = float(np.nanmin(values))
-    if (low > _FAR_MM or low < 0) and "offset_mm" not in options:
-        options["offset_mm"] = f"{-low:.6g}"
-        remarks["offset_mm"] = "the shallowest is taken as first touch: check it"
-
-
-def _values(table: Table, columns: Iterable[str]) -> FloatArray:
-    """Return the values of all columns, negated where a name begins with '-'."""
-    return np.concatenate(
-        [
-            (-1.0 if name.startswith("-") else 1.0)
-            * table.numbers(name.removeprefix("-"), allow_empty=True)
-            for name in columns
-        ]
-    )
-
-
-def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
+def _find_frames(folder: Path, known: ImportOptions) -> tuple[Table, str, Path] | None:
     """Return the table that names most frames, its column of names, and the frames' folder."""
-    paths = [folder / name] if name else sorted(folder.glob("*.csv"))
     places = frame_places(folder)
-    best: tuple[int, Table, str, Path] | None = None
-    for path in paths:
-        if not path.is_file():
-            raise UserError(f"{folder} holds no {path.name}; name another table.")
-        table = read_table(path, read_file(path))
-        for column in table.columns:
-            cells = [cell.strip().replace("\\", "/") for cell in table.cells[column][:20]]
-            for place in places:
-                count = sum(bool(cell) and (place / cell).is_file() for cell in cells)
-                if count and (best is None or count > best[0]):
-                    best = (count, table, column, place)
-    if best is None:
-        tables = ", ".join(path.name for path in paths) or "no CSV file"
+    video = find_video(folder)
+    if video is None and not any(is_picture(path) for place in places for path in place.iterdir()):
+        return None
+    paths = [inside(folder, known.table)] if known.table else find_tables(folder)
+    tables = {path: read_table(path, read_file(path)) for path in paths}
+    if video is not None:
+        if len(tables) != 1:
+            raise UserError(
+                f"{folder} holds a video and {len(tables)} tables; name the one with a row a frame "
+                "with --param table=FILE."
+            )
+        (table,) = tables.values()
+        numbers = [n for n in table.columns if words(n)[:1] == ["frame"] and is_numeric(table, n)]
+        return table, next(iter(numbers), ""), folder
+    if known.frames != AUTO:
+        places = (folder / known.frames,)
+    best: dict[tuple[Path, str, Path], int] = {}
+    for path, table in tables.items():
+        for column in [table.column(known.column)] if known.column else table.columns:
+            for name in filter(None, map(frame_name, map(str, table.cells[column][:20]))):
+                for place in find_frame(folder, places, name):
+                    best[path, column, place] = best.get((path, column, place), 0) + 1
+    if not best:
+        names = ", ".join(path.name for path in tables) or "no table"
         raise UserError(
-            f"{folder} holds {tables}, and no column of a table names files of the folder; write "
+            f"{folder} holds {names}, and no column of a table names files of the folder; write "
             "the names of the frames, with .png, into one. Of a sensor without a camera, name the "
             "table of its numbers with --param channels=FILE."
         )
-    return best[1:]
+    most = [key for key, count in best.items() if count == max(best.values())]
+    usual = [key for key in most if key[2] == folder or key[2].name in FRAME_FOLDERS]
+    most = usual[:1] if len({key[:2] for key in most}) == 1 and usual else most
+    if len(most) > 1:
+        says = [
+            f"table={path.relative_to(folder)} column={column} frames={place.relative_to(folder)}"
+            for path, column, place in most
+        ]
+        raise UserError(
+            f"{folder} may be read in {len(most)} ways; choose with --param: {' or '.join(says)}."
+        )
+    path, column, place = most[0]
+    return tables[path], column, place
+
+
+def _strength_of_frames(folder: Path, frames: Path, table: Table, column: str) -> FloatArray:
+    """Return how far frames are from their median, of some rows; NaN for the others."""
+    rows = np.linspace(0, len(table) - 1, min(_PROBED, len(table))).round().astype(int)
+    strength = np.full(len(table), np.nan)
+    images = {}
+    for row in dict.fromkeys(rows.tolist()):
+        with suppress(UserError):  # reported when the frame is imported
+            name = frame_name(str(table.cells[column].iloc[row]))
+            (path,) = find_frame(folder, [frames], name).values() or [Path()]
+            kind, bits = check_picture(path, read_file(path))
+            images[row] = read_picture(path, kind, max(8, bits))[::2, ::2].astype(np.float32)
+    if len({image.shape for image in images.values()}) == 1:
+        stack = np.stack(list(images.values()))
+        away = np.abs(stack - np.median(stack, axis=0)).reshape(len(stack), -1)
+        strength[list(images)] = away.mean(axis=1)
+    return strength
+
+
+def _find_channels(
+    folder: Path, known: ImportOptions, evidence: Evidence
+) -> tuple[Table, list[str]]:
+    """Find the labels and the channels of a sensor without a camera, in one table or in two.
+
+    Returns:
+        The labels, and the columns of their table that are no channels.
+
+    Raises:
+        UserError: The tables do not tell which is which.
+    """
+    given = [inside(folder, name) for name in dict.fromkeys((known.table, known.channels)) if name]
+    whole = bool(known.table and known.channels) or (bool(given) and bool(known.channel_columns))
+    paths = given if whole else find_tables(folder)
+    tables = {path: read_table(path, read_file(path)) for path in paths}
+    if not tables:
+        raise UserError(f"{folder} holds no frames and no table; name another folder.")
+    alone = {path: channels_of(table) for path, table in tables.items()}
+    if known.table and not known.channels and (known.channel_columns or alone[given[0]]):
+        tables = {given[0]: tables[given[0]]}  # labels and channels in one
+    labels = [given[0]] if known.table else [p for p in tables if p not in given] or given
+    if len(tables) > 1 and not known.table:
+        few = [p for p in labels if len(_label_columns(tables[p])) <= _MOST_LABELS]
+        placed = [p for p in few if {"x", "y"} <= {*map(_axis, tables[p].columns)}]
+        labels = placed or [p for p in few if not alone[p]] or few
+    signals = given[-1:] if known.channels else [p for p in tables if p not in labels] or labels
+    rows = {len(tables[path]) for path in labels}
+    signals = [p for p in signals if len(signals) == 1 or len(tables[p]) in rows]
+    if len(labels) != 1 or len(signals) != 1:
+        what = [f"table={shown([p.name for p in labels or tables], 8)}"] * (len(labels) != 1)
+        what += [f"channels={shown([p.name for p in signals], 8)}"] * (len(signals) != 1)
+        raise UserError(
+            f"{folder} holds {len(tables)} tables; say which file holds the labels and which the "
+            f"channels with --param table=FILE --param channels=FILE ({'; '.join(what)})."
+        )
+    table, source = tables[labels[0]], tables[signals[0]]
+    for role, path in (("table", labels[0]), ("channels", signals[0])):
+        evidence.give(role, path.relative_to(folder).as_posix())
+    same = source is table
+    chosen = known.channel_columns or (channels_of(source) if same or source.arrays else "")
+    columns = list(source.select(chosen) if chosen else _label_columns(source))
+    if same and not chosen:
+        raise UserError(
+            f"{table.path} does not tell which columns are the channels; say it with --param "
+            f"channel_columns=FIRST:LAST; its columns are {shown(table.columns)}."
+        )
+    if chosen:
+        evidence.give("channel_columns", chosen, f"{len(columns):,} channels")
+    before = chosen.replace("after", "before")
+    if before != chosen and before in source.arrays:
+        evidence.give("before", before, "the channels before a press are subtracted")
+    clocks = [
+        [c for c in t.columns if is_numeric(t, c) and counts_up(t, c)][:1] for t in (table, source)
+    ]
+    if not same and all(clocks) and not known.join:
+        evidence.give("join", clocks[0][0], "it counts up in both files, as a time does")
+        if clocks[0] != clocks[1]:
+            evidence.give("channels_time", clocks[1][0])
+    values = np.column_stack([source.numbers(c, allow_empty=True) for c in columns])
+    if len(values) == len(table):
+        values = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-12)
+        usual = np.median(values, axis=0)
+        evidence.strength = lambda: np.sqrt(np.square(values - usual).mean(axis=1))
+        evidence.alike = lambda labels: _rank_of_alike(values, labels)
+    used = {
+        *columns,
+        *(
+            table.select(evidence.options["before"])
+            if same and "before" in evidence.options
+            else ()
+        ),
+    }
+    return table, [name for name in table.columns if not same or name not in used]
+
+
+def _axis(column: str) -> str:
+    name = take_apart(column)
+    return "" if name.is_else else name.axis
+
+
+def _label_columns(table: Table) -> list[str]:
+    """Return the columns of numbers that are no time and no counter."""
+    return [
+        name for name in table.columns if is_numeric(table, name) and not counts_up(table, name)
+    ]
+
+
+def channels_of(table: Table) -> str:
+    """Return the columns of channels of a table that holds labels, too; "" where none are sure.
+
+    They are the largest array, the largest series of numbered names, or, without names, all columns
+    after two that have the few different values of a grid.
+    """
+    arrays = {name: prod(shape) for name, shape in table.arrays.items() if name != "column"}
+    if arrays:
+        most = max(arrays.values())
+        largest = [name for name in arrays if arrays[name] == most]
+        after = [name for name in largest if "after" in name]
+        return (after or largest)[0] if most >= _LEAST_SERIES else ""
+    columns = _label_columns(table)
+    if table.header:
+        stems = Counter(stem(name) for name in columns if stem(name))
+        ranked = stems.most_common(2)
+        if (
+            not ranked
+            or ranked[0][1] < _LEAST_SERIES
+            or (len(ranked) > 1 and ranked[1][1] * 2 > ranked[0][1])
+        ):
+            return ""
+        return ",".join(name for name in columns if stem(name) == ranked[0][0])
+    few = [
+        len(np.unique(table.numbers(name, allow_empty=True))) < _GRID * len(table)
+        for name in columns
+    ]
+    first = few.index(False) if False in few else len(few)
+    if first < 2 or len(columns) - first < _LEAST_SERIES or any(few[first:]):
+        return ""
+    return f"{columns[first]}:{columns[-1]}"
+
+
+def _rank_of_alike(channels: FloatArray, labels: FloatArray) -> float | None:
+    """Return the rank correlation of labels with those of the row whose channels are most alike."""
+    from scipy.spatial.distance import cdist
+    from scipy.stats import spearmanr
+
+    rows = np.linspace(0, len(labels) - 1, min(_MOST_ROWS, len(labels))).round().astype(int)
+    chosen = labels[rows]
+    if len(rows) < _PROBED or np.isnan(chosen).any() or np.ptp(chosen) == 0:
+        return None
+    apart = cdist(channels[rows], channels[rows], "sqeuclidean")
+    np.fill_diagonal(apart, np.inf)
+    return float(spearmanr(chosen, chosen[apart.argmin(axis=1)]).statistic)

@@ -19,11 +19,12 @@ from tactibench.contacts import Scene, Signal, Sites
 from tactibench.datasets.dataset import Dataset, Image, open_dataset
 from tactibench.datasets.labels import role_columns, scenes_of
 from tactibench.datasets.options import AUTO, EVEN, PLATE, ImportOptions
+from tactibench.datasets.pictures import read_picture
 from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Forces, Sample
 from tactibench.errors import UserError
 from tactibench.images import gray
 from tactibench.markers import PinView, choose_light, find_pin_view
-from tactibench.png import ImageKind, decode_png, read_file
+from tactibench.png import ImageKind
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -85,6 +86,7 @@ class Recording:
         notes: Sentences about facts that were left out or are missing.
         values: (N, ...) float32 channels, of a sensor without a camera.
         signal_names: Names of the channels.
+        bits: Bits of the brightest pixel of a recording of pictures.
         view: Part of raw pictures that shows the pins; frames are this part of them.
         light: "as_is" or "even", with the numbers of pins by which it was chosen.
         estimated_rest: The undeformed frame, estimated from frames that were hardly pressed.
@@ -113,6 +115,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     values: npt.NDArray[np.float32] | None = field(default=None, repr=False)
     signal_names: tuple[str, ...] = ()
+    bits: int = 8
     view: PinView | None = None
     light: str = ""
     estimated_rest: Signal | None = field(default=None, repr=False)
@@ -220,7 +223,7 @@ class Recording:
         return scenes_of(labels, columns, options, PLATE, self.table) or (), columns
 
     def _decode(self, path: Path) -> Image:
-        image = decode_png(path, read_file(path), cast("ImageKind", self.stored))
+        image = read_picture(path, cast("ImageKind", self.stored), self.bits)
         return image if self.view is None else self.view.of(image)
 
 

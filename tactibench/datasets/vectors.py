@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from tactibench.datasets.formats import read_labels
+from tactibench.datasets.formats import find_tables, inside, read_labels, refuse_frozen
 from tactibench.datasets.options import SKIP, ImportOptions
 from tactibench.datasets.recording import FloatArray, Recording
 from tactibench.datasets.schema import ChannelKind
-from tactibench.datasets.tables import Table, is_table, read_table, shown
+from tactibench.datasets.tables import Table, read_table, shown
 from tactibench.errors import UserError
 from tactibench.png import read_file
 
@@ -39,7 +39,7 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         UserError: A file is missing or damaged, the rows do not belong together, or a channel is
             no finite number. The sentence names file, row and column.
     """
-    channel_path = _inside(folder, options.channels)
+    channel_path = inside(folder, options.channels)
     table, data = read_label_table(folder, options)
     path = table.path
     channel_data = read_file(channel_path)
@@ -62,6 +62,9 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
     frames = tuple(f"row-{row + 1:06d}" for row in range(len(table)))
     shape = source.shape(names)
     signals = values[partners].astype(np.float32).reshape(-1, *shape)
+    others = used if source is table else ()
+    facts = read_labels(table, frames, rows, options, others=others)
+    refuse_frozen(path, signals, rows, facts)
     return Recording(
         format="channels",
         generation=", ".join(dict.fromkeys((path.name, channel_path.name))),
@@ -72,8 +75,8 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         stored=ChannelKind(shape),
         rest=None,
         sha256=hashlib.sha256(len(data).to_bytes(8, "little") + data + channel_data).hexdigest(),
-        notes=_notes(table, len(table) - len(rows), signals, names),
-        **read_labels(table, frames, rows, options, others=used if source is table else ()),
+        notes=facts.pop("notes") + _notes(table, len(table) - len(rows), signals, names),
+        **facts,
         values=signals,
         signal_names=() if source.arrays else names,
     )
@@ -89,25 +92,15 @@ def read_label_table(folder: Path, options: ImportOptions) -> tuple[Table, bytes
     Raises:
         UserError: A file is missing or damaged, or several files may hold the labels.
     """
-    path = _label_file(folder, options, _inside(folder, options.channels))
+    path = _label_file(folder, options, inside(folder, options.channels))
     data = read_file(path)
     return read_table(path, data), data
 
 
-def _inside(folder: Path, name: str) -> Path:
-    path = folder / name
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise UserError(f"{path} lies outside of {folder}; name a file in it.")
-    if not path.is_file():
-        files = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file())) or "no file"
-        raise UserError(f"{folder} holds no {name}; there is {files}.")
-    return path
-
-
 def _label_file(folder: Path, options: ImportOptions, channels: Path) -> Path:
     if options.table:
-        return _inside(folder, options.table)
-    others = sorted(path for path in folder.iterdir() if is_table(path) and path != channels)
+        return inside(folder, options.table)
+    others = [path for path in find_tables(folder) if path != channels]
     if len(others) == 1:
         return others[0]
     if not others:
@@ -160,7 +153,7 @@ def _rest_values(
 ) -> tuple[FloatArray, set[str]]:
     """Return the channels before every press, of columns or of a file, and their columns."""
     if (folder / options.before).is_file():
-        path = _inside(folder, options.before)
+        path = inside(folder, options.before)
         source = read_table(path, read_file(path))
         return _numbers(source, _channel_columns(source, ImportOptions(), alone=True)), set()
     names = source.select(options.before)
@@ -211,7 +204,7 @@ def _join(
 def _notes(
     table: Table, skipped: int, values: npt.NDArray[np.float32], names: Sequence[str]
 ) -> tuple[str, ...]:
-    notes = list(table.notes)
+    notes = []
     if not table.header:
         first, last = table.columns[0], table.columns[-1]
         notes.append(f"{table.path.name} has no header line; its columns are {first} to {last}.")

@@ -70,7 +70,7 @@ _PLAIN_PNG = (b"\x08\x00", b"\x08\x02")
 
 def is_plain_png(data: bytes) -> bool:
     """Return whether a PNG can be copied into a data set: 8-bit gray or RGB, no alpha."""
-    return data[24:26] in _PLAIN_PNG
+    return data[:4] == b"\x89PNG" and data[24:26] in _PLAIN_PNG
 
 
 def signal_bytes(signal: Signal | bytes, kind: ImageKind | ChannelKind, what: str) -> bytes:

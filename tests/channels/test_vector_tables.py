@@ -208,7 +208,7 @@ def test_columns_beside_channels_are_guessed(tmp_path: Path) -> None:
     mapping = tmp_path / "skin.toml"
     write_mapping(mapping, guess)
     assert len(open_recording(folder, read_mapping(mapping))) == 9
-    with pytest.raises(UserError, match="has no column that looks like x or y or depth"):
-        guess_mapping(folder, ["channels=field.csv", "table=field.csv"])
-    with pytest.raises(UserError, match="--param channels=FILE"):
+    assert guess_mapping(folder).options == {**guess.options, "channels": "field.csv"}
+    write(folder / "more.csv", labels, "a,b,c")
+    with pytest.raises(UserError, match=r"--param channels=FILE \(channels=field.csv, more.csv\)"):
         guess_mapping(folder)

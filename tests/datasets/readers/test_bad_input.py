@@ -110,8 +110,8 @@ def mixed_commas(folder):
             for again in ("frame_0_0.png", r".\frame_0_0.png")
         ),
         *(
-            (replace("frame_1_0.png", name), ["row 2", repr(name), "inside the frames folder"])
-            for name in (*(r"..\secret.png", "a/../../b.png", "/etc/x.png", r"C:\x.png"),)
+            (replace("frame_1_0.png", name), ["names the frame", name[-5:], "not in"])
+            for name in (*("a/../../b.png", "/etc/x.png", r"C:\x.png"),)
         ),
         *(
             (replace(old, new), ["row 3", column, repr(text)])
@@ -135,7 +135,6 @@ def mixed_commas(folder):
     ],
 )
 def test_a_mistake_in_the_table_is_named(first, unimported, change, words):
-    cv2.imwrite(str(first / "secret.png"), np.zeros((12, 10), np.uint8))
     change(first)
     unimported(first, "targets.csv", *words)
 
@@ -168,7 +167,7 @@ def test_folders_that_are_none(tmp_path, refused, first, second):
     refused(lambda: open_recording(first / "targets.csv"), "is a file")
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "empty", first.parent):  # several recordings lie in the other one
-        refused(lambda folder=folder: open_recording(folder), "targets.csv", "dataset.json")
+        refused(lambda folder=folder: open_recording(folder), "targets.csv")
 
 
 def test_targets_that_cannot_be(first, tmp_path, unimported, refused):

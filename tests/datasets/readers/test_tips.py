@@ -154,18 +154,18 @@ def test_a_mistake_is_named_with_its_row(
         (
             "X (mm),Y (mm),Indentation",
             [1, 2, 3],
-            {"indenter": "single", "x": "X (mm)", "depth": "Indentation", "unit": "mm"},
+            {"indenter": "single", "x": "X (mm)", "depth": "Indentation", "unit": None},
         ),
         (
             "tip_pos_x_m,tip_pos_y_m,pressDepth_m",
             [0.001, -0.002, -0.003],
-            {"x": "tip_pos_x_m", "depth": "-pressDepth_m", "unit": "m"},
+            {"x": "tip_pos_x_m", "depth": "-pressDepth_m", "unit": None},
         ),
-        ("x,y,z", [101, -2, 143], {"depth": "z", "x_zero_mm": "101", "offset_mm": "-143"}),
+        ("x,y,z", [101, -2, 143], {"depth": None, "x_zero_mm": "101", "offset_mm": None}),
         (
             "px,py,depth,spacing,yaw",
-            [1, 2, 3, 8, 0.4],
-            {"indenter": "dual", "spacing": "spacing", "yaw": "yaw", "angles": "rad"},
+            [1, 2, 3, 8, 40],
+            {"indenter": "dual", "spacing": "spacing", "yaw": "yaw", "angles": "deg"},
         ),
         (
             "x,y,depth,spacing_mm,height_1_mm,height_2_mm",
@@ -202,9 +202,9 @@ def test_columns_are_recognised(
         (["depth=-w"], {"depth": "-w", "offset_mm": None}, 1.0),
         (["depth=w"], {"depth": "w", "offset_mm": "5"}, 4.0),
         (["unit=um"], {"depth": "z", "offset_mm": None}, 0.141),
-        (["spacing=8"], {"indenter": "dual", "spacing": "8", "angles": None}, 0.0),
-        (["spacing=8", "yaw=0.5"], {"yaw": "0.5", "angles": None}, 0.0),
-        (["offset_mm=-140", "radius_mm=2"], {"offset_mm": "-140", "radius_mm": "2"}, 1.0),
+        (["spacing=8", "depth=z"], {"indenter": "dual", "spacing": "8", "angles": None}, 0.0),
+        (["spacing=8", "yaw=0.5", "depth=z"], {"yaw": "0.5", "angles": None}, 0.0),
+        (["offset_mm=-140", "depth=z"], {"offset_mm": "-140", "depth": "z"}, 1.0),
     ],
 )
 def test_what_is_not_said_is_guessed_from_what_is(
@@ -223,7 +223,7 @@ def test_what_is_not_said_is_guessed_from_what_is(
 
 def test_what_a_person_says_goes_before_the_guess(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, "left,up,depth", [[1, 2, 3]])
-    with pytest.raises(UserError, match="looks like x or y; its columns are shot, left"):
+    with pytest.raises(UserError, match="surely x; its columns are shot, left"):
         guess_mapping(folder)
     guess = guess_mapping(folder, ["x=left", "y=-up"])
     assert (guess.options["x"], guess.options["y"]) == ("left", "-up")

@@ -1,0 +1,301 @@
+"""What `--guess` takes columns for: it never guesses in silence, and reads ordinary tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tactibench import UserError
+from tactibench.datasets import guess_mapping, open_recording, read_mapping, write_mapping
+
+ROWS = 40
+SIZE = 24
+
+
+def press_image(x: float, y: float, depth: float, reach: float) -> np.ndarray:
+    """A bright bump at the place of the press, the larger the deeper."""
+    grid = np.arange(SIZE)
+    at = [SIZE * (0.5 + 0.35 * v / reach) for v in (x, y)]
+    apart = (grid[None] - at[0]) ** 2 + (grid[:, None] - at[1]) ** 2
+    return np.asarray(20 + 50 * depth * np.exp(-apart / 40), dtype=np.uint8)
+
+
+class Lab:
+    """Random presses with their frames, and tables of them."""
+
+    def __init__(self, folder: Path, rows: int = ROWS) -> None:
+        rng = np.random.default_rng(4)
+        self.folder = folder
+        self.x, self.y = rng.uniform(-6, 6, (2, rows)).round(3)
+        self.depth = rng.uniform(0.2, 3, rows).round(3)
+        self.rng, self.rows = rng, rows
+        folder.mkdir(parents=True)
+        self.draw(folder)
+
+    def draw(self, folder: Path, suffix: str = ".png", names: Sequence[int] | None = None) -> None:
+        folder.mkdir(exist_ok=True)
+        for row in range(self.rows) if names is None else names:
+            image = press_image(self.x[row], self.y[row], self.depth[row], 6)
+            assert cv2.imwrite(str(folder / f"f{row}{suffix}"), image)
+
+    def table(self, columns: dict[str, Any], separator: str = ",", name: str = "log.csv") -> Path:
+        columns = {"file": [f"f{row}.png" for row in range(self.rows)]} | columns
+        cells = [[str(cell) for cell in values] for values in columns.values()]
+        lines = [separator.join(row) for row in [[*columns], *zip(*cells, strict=True)]]
+        (self.folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return self.folder
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    return Lab(tmp_path / "lab")
+
+
+def places(lab: Lab) -> dict[str, Any]:
+    return {"x": lab.x, "y": lab.y, "depth": lab.depth}
+
+
+def noise(lab: Lab, low: float = -1, high: float = 1) -> np.ndarray:
+    return np.round(lab.rng.uniform(low, high, lab.rows), 4)
+
+
+def quaternion(lab: Lab) -> dict[str, Any]:
+    four = lab.rng.normal(size=(4, lab.rows))
+    return dict(zip(("x_1", "y_1", "z_1", "w"), four / np.linalg.norm(four, axis=0), strict=True))
+
+
+OTHERS: dict[str, tuple[Callable[[Lab], dict[str, Any]], Sequence[str]]] = {
+    "quaternion": (quaternion, ("x_1", "y_1", "z_1", "w")),
+    "forces": (lambda lab: {f"F_{a}": noise(lab) for a in "xyz"}, ("F_x", "F_y")),
+    "shear": (lambda lab: {f"shear_{a}": noise(lab) for a in "xyz"}, ("shear_x", "shear_y")),
+    "object": (lambda lab: {f"object_{a}": noise(lab) for a in "xyz"}, ("object_x", "object_z")),
+    "poses": (lambda lab: {f"pose_{a}": noise(lab) for a in "xyz"}, ("pose_x", "pose_y")),
+    "velocity": (lambda lab: {f"vel_{a}": noise(lab) for a in "xy"}, ("vel_x", "vel_y")),
+    "pixels": (lambda lab: {"x_px": noise(lab), "y_px": noise(lab)}, ("x_px", "y_px")),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_other_quantities_are_no_tips(lab: Lab, kind: str) -> None:
+    columns, unused = OTHERS[kind]
+    guess = guess_mapping(lab.table(places(lab) | columns(lab)))
+    assert guess.options["indenter"] == "single"
+    assert [guess.options[role] for role in ("x", "y", "depth")] == ["x", "y", "depth"]
+    assert {*unused} <= guess.unused.keys()
+    assert all(name in guess.text() for name in unused)
+
+
+def test_a_second_tip_needs_places_of_its_own(lab: Lab, tmp_path: Path) -> None:
+    one = {"x1": lab.x, "y1": lab.y, "d1": lab.depth}
+    two = {"x2": -lab.x + 3, "y2": lab.y[::-1], "depth_2": lab.depth}
+    numbered = {"x1": lab.x, "y1": lab.y, "depth_1": lab.depth, **two}
+    assert guess_mapping(lab.table(numbered)).options["x"] == "x1,x2"
+    with pytest.raises(UserError, match="x2 and y2 have no depth of their own"):
+        guess_mapping(lab.table(one | {"x2": two["x2"], "y2": two["y2"]}))
+    far = {"x2": lab.x * 40 + 900, "y2": lab.y, "depth_2": lab.depth}
+    guess = guess_mapping(lab.table(numbered | far))
+    assert (guess.options["indenter"], guess.options["x"]) == ("single", "x1")
+    assert "no second tip" in guess.unused["x2"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_mm", "named"),
+    [
+        ("mm", 1.0, "x [mm]"),
+        ("cm", 0.1, "x_cm"),
+        ("in", 1 / 25.4, "x (inch)"),
+        ("um", 1e3, "x [\u00b5m]"),
+        ("um", 1e3, "x [\u03bcm]"),
+        ("m", 1e-3, "x/m"),
+    ],
+)
+def test_a_unit_that_a_header_states_holds(
+    lab: Lab, tmp_path: Path, unit: str, per_mm: float, named: str
+) -> None:
+    """Also where another column has another one, and whatever the options say of the rest."""
+    columns = {named: lab.x * per_mm, named.replace("x", "y"): lab.y * per_mm, "depth": lab.depth}
+    assert lab.table(columns)
+    guess = guess_mapping(lab.folder)
+    write_mapping(tmp_path / "map.toml", guess)
+    recording = open_recording(lab.folder, read_mapping(tmp_path / "map.toml", ["unit=mm"]))
+    poses = [scene.pose for scene in recording.scenes if scene is not None]
+    assert np.allclose([pose.x for pose in poses], lab.x)
+    assert np.allclose([pose.depth for pose in poses], lab.depth)
+
+
+def test_metres_of_a_robot_are_told_from_their_span(lab: Lab) -> None:
+    columns = {
+        f"pose.position.{axis}": values
+        for axis, values in (
+            ("x", 0.42 + lab.x * 1e-3),
+            ("y", lab.y * 1e-3),
+            ("z", 0.1 - lab.depth * 1e-3),
+        )
+    }
+    guess = guess_mapping(lab.table(columns))
+    assert guess.options["unit"] == "m"
+    assert guess.options["depth"] == "-pose.position.z"  # the frames change more the lower it is
+    with pytest.raises(UserError, match=r"span 0\.5.*tells no unit.*--param unit=UNIT"):
+        guess_mapping(lab.table({"x": lab.x / 20, "y": lab.y / 20, "depth": lab.depth}))
+
+
+def test_degrees_or_radians_are_asked_for(lab: Lab) -> None:
+    pair = places(lab) | {"spacing": noise(lab, 7, 9), "yaw": noise(lab, -1.5, 1.5)}
+    with pytest.raises(UserError, match=r"yaw reaches.*angles=deg or --param angles=rad"):
+        guess_mapping(lab.table(pair))
+    assert guess_mapping(lab.folder, ["angles=rad"]).options["angles"] == "rad"
+    pair["yaw"] = noise(lab, -90, 90)
+    assert guess_mapping(lab.table(pair)).options["angles"] == "deg"
+    pair["yaw_rad"] = pair.pop("yaw")
+    guess = guess_mapping(lab.table(pair))
+    assert (guess.options["yaw"], guess.options.get("angles")) == ("yaw_rad", None)
+
+
+def test_several_columns_that_may_be_it_are_asked_for(lab: Lab) -> None:
+    twice = places(lab) | {"x_nozzle": lab.x, "y_nozzle": lab.y, "x_arm": lab.x, "y_arm": lab.y}
+    assert guess_mapping(lab.table(twice)).options["x"] == "x"
+    del twice["x"], twice["y"]
+    with pytest.raises(UserError, match=r"x_nozzle, y_nozzle or x_arm, y_arm.*--param x=COLUMN"):
+        guess_mapping(lab.table(twice))
+
+
+def test_the_sign_of_a_height_follows_from_the_signal(lab: Lab) -> None:
+    height = {"x": lab.x, "y": lab.y, "z": 150 - lab.depth}
+    guess = guess_mapping(lab.table(height))
+    assert guess.options["depth"] == "-z"
+    assert "rank correlation" in guess.remarks["depth"]
+    height["z"] = noise(lab, 148, 150)
+    guess = guess_mapping(lab.table(height))
+    assert "depth" not in guess.options
+    assert "depth=z or depth=-z" in guess.unused["z"]
+    height["z"] = np.full(lab.rows, 150.0)
+    assert "no depth" in guess_mapping(lab.table(height)).unused["z"]
+    hover = {"x": lab.x, "y": lab.y, "depth": lab.depth - 0.5}
+    assert "offset_mm" not in guess_mapping(lab.table(hover)).options
+
+
+def subsets(presses: Sequence[str]) -> int:
+    return len(set(presses))
+
+
+def test_frames_of_one_press_or_place_stay_together(tmp_path: Path) -> None:
+    lab = Lab(tmp_path / "lab", 60)
+    slides = places(lab) | {"press": np.repeat(np.arange(12), 5)}
+    for start in range(0, 60, 5):
+        slides["x"][start : start + 5] = slides["x"][start] + 0.3 * np.arange(5)
+        slides["y"][start : start + 5] = slides["y"][start]
+    guess = guess_mapping(lab.table(slides))
+    assert guess.options["press"] == "press"
+    write_mapping(tmp_path / "map.toml", guess)
+    assert subsets(open_recording(lab.folder, read_mapping(tmp_path / "map.toml")).presses) == 12
+    repeats = {"x": np.tile(lab.x[:12], 5), "y": np.tile(lab.y[:12], 5), "depth": lab.depth}
+    repeats["trial"] = np.repeat(np.arange(5), 12)
+    guess = guess_mapping(lab.table(repeats))
+    assert "press" not in guess.options
+    assert "session" in guess.unused["trial"]
+    write_mapping(tmp_path / "again.toml", guess)
+    recording = open_recording(lab.folder, read_mapping(tmp_path / "again.toml"))
+    assert subsets(recording.presses) == 12
+    assert any("12 places: rows at one place are one press" in note for note in recording.notes)
+
+
+def test_rows_along_a_path_are_no_single_place(tmp_path: Path) -> None:
+    lab = Lab(tmp_path / "lab")
+    path = {"x_mm": np.arange(ROWS) * 0.005, "y_mm": np.zeros(ROWS), "depth_mm": lab.depth}
+    assert subsets(open_recording(lab.table(path)).presses) == ROWS
+
+
+def test_frames_of_two_sensors_are_not_mixed(lab: Lab) -> None:
+    for path in lab.folder.glob("*.png"):
+        path.unlink()
+    lab.draw(lab.folder / "left")
+    lab.draw(lab.folder / "right")
+    lab.table(places(lab))
+    with pytest.raises(UserError, match=r"2 ways.*frames=left or .*frames=right"):
+        guess_mapping(lab.folder)
+    with pytest.raises(UserError, match=r"in left, right, maybe of different sensors.*frames="):
+        open_recording(lab.folder)
+    assert guess_mapping(lab.folder, ["frames=left"]).options["frames"] == "left"
+    lab.table({"file": [f"{('left', 'right')[r % 2]}/f{r}.png" for r in range(ROWS)]} | places(lab))
+    with pytest.raises(UserError, match="maybe of different sensors"):
+        open_recording(lab.folder)
+
+
+def test_a_frozen_camera_is_named(lab: Lab) -> None:
+    image = (lab.folder / "f9.png").read_bytes()
+    for row in range(10, 16):
+        (lab.folder / f"f{row}.png").write_bytes(image)
+    lab.table({f"{name}_mm": values for name, values in places(lab).items()})
+    with pytest.raises(
+        UserError, match=r"log\.csv row 15: the signal is that of the 5 rows before"
+    ):
+        open_recording(lab.folder)
+
+
+def test_a_frame_that_no_row_lists_is_not_taken_for_the_rest_frame(lab: Lab) -> None:
+    for name in ("image_0.png", "spare.png", "definition.png"):
+        (lab.folder / name).write_bytes((lab.folder / "f3.png").read_bytes())
+    lab.table(places(lab))
+    assert open_recording(lab.folder).rest is None
+    (lab.folder / "rest.png").write_bytes((lab.folder / "f3.png").read_bytes())
+    assert open_recording(lab.folder).rest == lab.folder / "rest.png"
+
+
+def test_a_last_line_that_was_cut_off_is_named(lab: Lab) -> None:
+    path = lab.table(places(lab)) / "log.csv"
+    path.write_text(path.read_text().rstrip()[:-12].rsplit(",", 1)[0])
+    with pytest.raises(UserError, match="cut off there: Expected 4 fields in line 41, saw"):
+        guess_mapping(lab.folder)
+
+
+ORDINARY: list[dict[str, str]] = [
+    {"x": "x", "y": "y", "depth": "depth"},
+    {"x": "X", "y": "Y", "depth": "Depth"},
+    {"x": "x_mm", "y": "y_mm", "depth": "depth_mm"},
+    {"x": "x (mm)", "y": "y (mm)", "depth": "indentation (mm)"},
+    {"x": "cx [mm]", "y": "cy [mm]", "depth": "indentation [mm]"},
+    {"x": "contact_x", "y": "contact_y", "depth": "contact_depth"},
+    {"x": "contactX", "y": "contactY", "depth": "pressDepth"},
+    {"x": "pos_x", "y": "pos_y", "depth": "penetration"},
+    {"x": "posX", "y": "posY", "depth": "indent"},
+    {"x": "px", "y": "py", "depth": "depth"},
+    {"x": "probe x", "y": "probe y", "depth": "probe depth"},
+    {"x": "tip_x_mm", "y": "tip_y_mm", "depth": "tip_depth_mm"},
+    {"x": "indenter_x", "y": "indenter_y", "depth": "indentation"},
+    {"x": "x_position", "y": "y_position", "depth": "press_depth"},
+    {"x": "stage_x", "y": "stage_y", "depth": "indentation_depth"},
+    {"x": "robot_x", "y": "robot_y", "depth": "depth"},
+    {"x": "tcp.x", "y": "tcp.y", "depth": "depth"},
+    {"x": "pose_x", "y": "pose_y", "depth": "pose_z"},
+    {"x": "x", "y": "y", "depth": "z"},
+    {"x": "location_x", "y": "location_y", "depth": "depth"},
+    {"x": "center_x", "y": "center_y", "depth": "depth"},
+    {"x": "x_label", "y": "y_label", "depth": "depth_label"},
+    {"x": "nozzle_x", "y": "nozzle_y", "depth": "nozzle_z"},
+    {"x": "xpos", "y": "ypos", "depth": "zpos"},
+]
+BESIDE: list[Callable[[Lab], dict[str, Any]]] = [
+    lambda lab: {},
+    lambda lab: {"time": np.arange(lab.rows) * 0.1, "operator": ["me"] * lab.rows},
+    lambda lab: {"Fz": noise(lab, 0, 3), "temperature": noise(lab, 20, 21)},
+]
+
+
+@pytest.mark.parametrize("names", ORDINARY, ids=lambda names: names["x"])
+@pytest.mark.parametrize("beside", [0, 1, 2])
+def test_ordinary_tables_are_read(
+    lab: Lab, tmp_path: Path, names: dict[str, str], beside: int
+) -> None:
+    columns = {names["x"]: lab.x, names["y"]: lab.y, names["depth"]: lab.depth}
+    guess = guess_mapping(lab.table(columns | BESIDE[beside](lab), ",;\t"[beside]))
+    assert {role: guess.options.get(role) for role in names} == names
+    assert {*guess.unused} >= {*BESIDE[beside](lab)} - {"Fz"}
+    assert not {"offset_mm", "x_zero_mm", "unit"} & guess.options.keys()
+    write_mapping(tmp_path / "map.toml", guess)
+    recording = open_recording(lab.folder, read_mapping(tmp_path / "map.toml"))
+    assert [s.pose.depth for s in recording.scenes if s is not None] == lab.depth.tolist()
