@@ -2,9 +2,10 @@
 
     python benchmarks/neighbours.py [--pairs 3000] [--triples 2000] [--write]
 
-All presses are of the nominal simulated tactip-127 without noise. Single presses give the field.
-Pairs and triples at random places and depths (5.5 mm apart or more) are fitted by as many single
-contacts as they have, and the law gives the shift of those from the true ones. Printed is the error
+All presses are of the nominal simulated tactip-127 without noise; its tips rub, and friction
+differs from press to press. Single presses give the field. Pairs and triples at random places and
+depths (5.5 mm apart or more) are fitted by as many single contacts as they have and a number for
+friction, and the law gives the shift of those from the true ones. Printed is the error
 of both directions of the law on presses to which it was not fitted, beside that of plain addition.
 ``--write`` replaces the coefficients that ship (tactibench/superposition/neighbours.npz).
 """
@@ -24,7 +25,7 @@ from tactibench.geometry import DOME_RADIUS_MM, tip_depths
 from tactibench.markers import PinTracker
 from tactibench.plugins import PluginHost
 from tactibench.protocols import draw_scenes, load_protocol
-from tactibench.superposition import Field, NeighbourLaw, solve
+from tactibench.superposition import FieldFamily, NeighbourLaw, solve
 
 Array = npt.NDArray[np.float64]
 
@@ -32,6 +33,8 @@ HALF_MM, DEPTHS_MM, CLOSEST_MM, TIP_MM = 6.4, (0.5, 6.0), 5.5, 3.0
 FARTHEST_MM, SHALLOWEST_MM = 1.5, 0.1
 """A fit that is farther from the truth, or shallower, has lost its contact and is left out."""
 HELD_OUT = 5
+NOISE_PX = 0.02
+"""Noise of a displacement, beside which the number of a press is found."""
 
 
 def scene_of(contacts: Array) -> Scene:
@@ -101,12 +104,16 @@ def main() -> None:
             return moved, np.tile(sure, (1, 2)).astype(np.float64)
 
         alone = np.array([[s.pose.x, s.pose.y, s.pose.depth] for s in singles])
-        field = Field.learn(alone[:4000], watched(list(singles[:4000]))[0])
+        moved, count = watched(list(singles[:4000]))[0], len(pins.rest)
+        nominal = np.zeros(len(moved), dtype=np.intp), np.zeros((1, 1 + 2 * count))
+        field = FieldFamily.learn(alone[:4000], moved, *nominal, count).field
+        print(f"fields vary in {field.ways} way from press to press")
         sets = []
         for count, each in ((options.pairs, 2), (options.triples, 3)):
             contacts = free_contacts(count, each, rng)
             moved, weight = watched([scene_of(c) for c in contacts])
-            sets.append((contacts, solve(field, moved, contacts, weight, 20).contacts))
+            fitted = solve(field, moved, contacts, weight / NOISE_PX**2, 20).contacts
+            sets.append((contacts, fitted))
     laws = {}
     for name in ("forward", "inverse"):
         given, wanted = [], []

@@ -225,7 +225,8 @@ class Learned:
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
         """Return the results from what ``arrays`` returned."""
         covariance, weight = arrays["numbers_covariance"], arrays["weight"]
-        field = Field(arrays["coefficients"], arrays["low"], arrays["step"], len(covariance))
+        ways = arrays["coefficients"].shape[3] // len(weight) - 1
+        field = Field(arrays["coefficients"], arrays["low"], arrays["step"], ways)
         clues = Clues(arrays["rests"], arrays["clues"])
         pairs = arrays["pairs"], arrays["pairs_along"], arrays["pairs_across"]
         return cls(

@@ -267,7 +267,7 @@ class Superpose(Model):
         neighbours = self._settings["neighbours"]
         prior: Prior = "fitted to multi-contact labels" if groups else _PRIORS[neighbours]
         if sensor_count > 1:
-            notes |= {"sensors": sensor_count, "numbers_a_sensor": family.field.ways}
+            notes |= {"sensors": sensor_count, "numbers_a_sensor": len(family.covariance)}
         return FitReport(1, time.perf_counter() - began, notes=notes, prior=prior)
 
     def _single_presses(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> SinglePresses:
@@ -283,16 +283,17 @@ class Superpose(Model):
     def _learn_family(self, presses: SinglePresses) -> FieldFamily:
         numbers, sensors = np.unique(presses.sensors, return_inverse=True)
         rests = np.array([self._sensors[int(number)].layout_clues for number in numbers])
-        return FieldFamily.learn(presses.contacts, presses.moved, sensors, rests)
+        count = len(self._sensors.first.rest)
+        return FieldFamily.learn(presses.contacts, presses.moved, sensors, rests, count)
 
     def _unexplained(self, family: FieldFamily, presses: SinglePresses) -> Array:
-        """Return the (N, Q) residuals of presses, px, with each sensor's numbers fitted to them."""
+        """Return the (N, Q) residuals of presses, px, with all numbers fitted to them."""
         left = np.empty_like(presses.moved)
         for number in np.unique(presses.sensors):
             rows = presses.sensors == number
             labelled = presses.contacts[rows], presses.moved[rows]
             field = family.of_sensor(self._sensors[int(number)].layout_clues, *labelled)
-            left[rows] = labelled[1] - field(labelled[0])
+            left[rows] = field.residual(*labelled)
         return left
 
     def _see(self, sensors: AlignedSensors) -> None:
@@ -372,7 +373,7 @@ class Superpose(Model):
         """Learn the numbers of each sensor from its labelled single presses."""
         self._shown = {}
         self._use(self._ready())
-        if not self._ready().family.field.ways:
+        if not len(self._ready().family.covariance):
             return None
         presses = self._single_presses(frames, truth)
         for number in np.unique(presses.sensors):
@@ -422,7 +423,7 @@ class Superpose(Model):
         left = found.solution.left
         chi2 = float((learned.weight * left[0] ** 2).sum())
         misfit = chi2 / max(left.shape[1] - 3 * count, 1)
-        varies = learned.family.field.ways > 0
+        varies = len(learned.family.covariance) > 0
         return equivalents[0] + shift, ErrorCauses.of(
             found.solution.normal[0], misfit, shift, varies
         )

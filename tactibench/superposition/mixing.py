@@ -314,7 +314,7 @@ def mix(
         for start in range(0, total_frames, _BLOCK):
             for contacts in _draw_contacts(min(_BLOCK, total_frames - start), low, high, rng):
                 equivalents = law.equivalents(contacts)
-                total = field(equivalents).sum(axis=1)
+                total = _add_fields(field, equivalents, rng)
                 if misfit:
                     total += _unexplained(field, equivalents, misfit, low, high, rng)
                 mixed += sensor.draw(total, rng)
@@ -344,10 +344,15 @@ class _Sensor:
     values: Array
 
     def field(self) -> Field:
-        """Return the field of one contact; it is not stored, as many would not fit into memory."""
+        """Return the field of one contact; it is not stored, as many would not fit into memory.
+
+        What is not known of the sensor is taken as its expectation. The way in which presses vary
+        stays.
+        """
         clues = self.pins.layout_clues
         field = self.family.of_sensor(clues, self.contacts, self.values)
-        return field.turned(np.zeros(field.ways), np.zeros((field.ways, 0)))
+        of_presses = np.eye(field.ways)[:, len(self.family.covariance) :]
+        return field.turned(np.zeros(field.ways), of_presses)
 
     def draw(self, field: Array, rng: np.random.Generator) -> list[Frame]:
         """Return the frames of fields (N, 3 P)."""
@@ -393,12 +398,26 @@ def _learn_sensors(frames: Sequence[Frame], contacts: Array) -> list[_Sensor]:
         growth = pins.in_layout_order(sizes / resting - 1)
         values[rows], numbers[rows] = np.concatenate([moved, growth], axis=1), number
     clues = np.array([pins.layout_clues for pins in all_pins])
-    family = FieldFamily.learn(contacts, values, numbers, clues)
+    family = FieldFamily.learn(contacts, values, numbers, clues, len(by_sensor.first.rest))
     return [
         _Sensor(all_pins[n], *looks[n], family, contacts[rows], values[rows])
         for n, rows in enumerate(by_number.values())
         if len(rows) >= FEWEST
     ]
+
+
+def _add_fields(field: Field, equivalents: Array, rng: np.random.Generator) -> Array:
+    """Return the sums of the fields of (S, K, 3) contacts, (S, Q); each press has its own numbers.
+
+    Args:
+        field: Field of one contact, whose ways are those in which presses vary.
+        equivalents: (S, K, 3) mm.
+        rng: Random numbers of the presses.
+    """
+    parts = field.slopes(equivalents)[:, :, 0].sum(axis=1)
+    numbers = rng.standard_normal((len(parts), field.ways))
+    total: Array = parts[:, 0] + np.einsum("sv,svq->sq", numbers, parts[:, 1:])
+    return total
 
 
 def _unexplained(
@@ -429,7 +448,7 @@ def _unexplained(
     pressed = equivalents[..., 2].sum(axis=1) / high[2]
     share = strength * rng.standard_normal((count, _GHOSTS, 1)) * pressed[:, None, None]
     errors: Array = (share * field(ghosts)).sum(axis=1)
-    motions = field.slopes(equivalents)[:, :, 1:].reshape(count, -1, errors.shape[1])
+    motions = field.slopes(equivalents)[:, :, 1:, 0].reshape(count, -1, errors.shape[1])
     moved = slice(0, 2 * errors.shape[1] // 3)  # without the pins' growth, which has no length
     normal = motions[..., moved] @ motions[..., moved].transpose(0, 2, 1)
     along = np.linalg.solve(

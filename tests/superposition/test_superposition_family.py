@@ -30,7 +30,7 @@ def family(random_contacts, push_pins):
     numbers = np.repeat(np.arange(SENSORS), PRESSES)
     rows = [numbers == number for number in range(SENSORS)]
     values = [displacements(push_pins, contacts[own], n) for n, own in enumerate(rows)]
-    return FieldFamily.learn(contacts, np.concatenate(values), numbers, rests(range(SENSORS)))
+    return FieldFamily.learn(contacts, np.concatenate(values), numbers, rests(range(SENSORS)), 61)
 
 
 def rests(numbers):
@@ -68,7 +68,7 @@ def test_what_is_known_of_a_sensor_brings_its_field_nearer(family, unseen, push_
 def test_one_sensor_has_one_field(random_contacts, push_pins):
     contacts = random_contacts(60, np.random.default_rng(2))
     values = push_pins(contacts[:, None])
-    alone = FieldFamily.learn(contacts, values, np.zeros(60, dtype=int), np.zeros((1, 123)))
+    alone = FieldFamily.learn(contacts, values, np.zeros(60, dtype=int), np.zeros((1, 123)), 61)
     assert alone.field.ways == 0
     own = alone.of_sensor(np.ones(123), contacts, values)
     np.testing.assert_array_equal(own.coefficients, Field.learn(contacts, values).coefficients)
