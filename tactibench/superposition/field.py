@@ -307,7 +307,7 @@ class FieldFamily:
         expected = (self.clues(rest[None]) @ self.slopes)[0]
         precision = np.linalg.inv(self.covariance)
         if contacts is not None and values is not None and len(contacts):
-            normal, pull = _evidence(self.field.slopes(contacts)[:, 0], values, ways)
+            normal, pull = evidence(self.field.slopes(contacts)[:, 0], values, ways)
             wanted = precision @ expected + pull
             precision = precision + normal
             expected = np.linalg.solve(precision, wanted)
@@ -398,12 +398,12 @@ def _regress(parts: Array, values: Array, sensors: Numbers, count: int) -> Array
     fields = []
     for sensor in range(count):
         rows = sensors == sensor
-        normal, pull = _evidence(scaled[rows], values[rows], scaled.shape[1] - 1)
+        normal, pull = evidence(scaled[rows], values[rows], scaled.shape[1] - 1)
         fields.append(np.linalg.solve(normal + np.eye(len(normal)), pull))
     return np.array(fields)
 
 
-def _evidence(parts: Array, values: Array, ways: int) -> tuple[Array, Array]:
+def evidence(parts: Array, values: Array, ways: int) -> tuple[Array, Array]:
     """Return the information of presses on z of their sensor, (V, V), and its product with z, (V,).
 
     The number of a press is not known: what its way could explain tells nothing of the sensor.

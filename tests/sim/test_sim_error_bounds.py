@@ -117,7 +117,7 @@ def test_envelope_terms_are_those_of_the_formula():
             middle = np.arccos((n[i] + n[j])[2] / np.linalg.norm(n[i] + n[j]))
             rim += np.sin(middle) ** 2 * d[i] * d[j]
         way = max(d * np.tan(np.arccos(n[:, 2])))
-        rubbing = [mu * way, mu * way * second]
+        rubbing = [np.sqrt(mu * way), mu * way]
         expected = [np.sqrt(first), first, steep, second, second**2, rim, *rubbing]
         assert terms == pytest.approx(expected, abs=1e-12)
 

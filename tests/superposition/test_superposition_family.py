@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactibench.superposition import Field, FieldFamily
+from tactibench.superposition import Field, FieldFamily, evidence, solve
 
 pytestmark = pytest.mark.long
 
@@ -72,3 +72,47 @@ def test_one_sensor_has_one_field(random_contacts, push_pins):
     assert alone.field.ways == 0
     own = alone.of_sensor(np.ones(123), contacts, values)
     np.testing.assert_array_equal(own.coefficients, Field.learn(contacts, values).coefficients)
+
+
+def rubbing(push_pins, contacts, y):
+    """(N, Q) px: the skin follows by y along the way that leads away from the axis."""
+    noise = SIGMA * np.random.default_rng(7).normal(size=(len(contacts), 122))
+    pull = 0.01 * (y * contacts[:, 2])[:, None] * contacts[:, :2]
+    return push_pins(contacts[:, None]) + np.repeat(pull, 61, axis=1) + noise
+
+
+def learn(contacts, values):
+    return FieldFamily.learn(
+        contacts, values, np.zeros(len(values), dtype=int), np.zeros((1, 123)), 61
+    )
+
+
+def test_presses_that_rub_have_a_number_each(random_contacts, push_pins):
+    rng = np.random.default_rng(8)
+    contacts, y = random_contacts(400, rng), rng.normal(size=400)
+    values = rubbing(push_pins, contacts, y)
+    family = learn(contacts[:300], values[:300])
+    assert family.field.ways == 1
+    left = family.field.residual(contacts[300:], values[300:])
+    plain = learn(contacts[:300], rubbing(push_pins, contacts, 0 * y)[:300])
+    assert plain.field.ways == 0
+    assert np.std(left) < 2 * SIGMA < 0.2 * np.std(plain.field.residual(contacts, values))
+    # The number stands for what the presses differ in, and places are found in spite of it.
+    found = solve(family.field, values[300:], contacts[300:, None], np.full(122, SIGMA**-2))
+    pulled = np.hypot(*contacts[300:, :2].T) * contacts[300:, 2] > 4.0  # elsewhere y does little
+    assert np.corrcoef(found.nuisances[pulled, 0], y[300:][pulled])[0, 1] > 0.9
+    assert np.abs(found.contacts[:, 0] - contacts[300:]).mean() < 0.02
+
+
+def test_an_unknown_number_of_a_press_tells_nothing_of_its_sensor():
+    rng = np.random.default_rng(9)
+    parts, values = rng.normal(size=(5, 4, 30)), rng.normal(size=(5, 30))
+    noise = 0.012**2
+    normal, pull = 0.0, 0.0
+    for part, value in zip(parts, values, strict=True):
+        covariance = noise * np.eye(30) + np.outer(part[3], part[3])
+        information = np.linalg.inv(covariance)
+        normal = normal + part[1:3] @ information @ part[1:3].T
+        pull = pull + part[1:3] @ information @ (value - part[0])
+    for one, other in zip(evidence(parts, values, 2), (normal, pull), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
