@@ -1,18 +1,19 @@
 """Fit the effect of contacts on each other to finite-element mechanics, and print its errors.
 
-    python benchmarks/neighbours.py [--pairs 3000] [--triples 2000] [--write]
+    PYTHONPATH=.:plugins python -P benchmarks/neighbours.py [--pairs 6000] [--write]
 
-All presses are of the nominal simulated tactip-127 without noise; its tips rub, and friction
-differs from press to press. Single presses give the field. Pairs and triples at random places and
-depths (5.5 mm apart or more) are fitted by as many single contacts as they have and a number for
-friction, and the law gives the shift of those from the true ones. Printed is the error
-of both directions of the law on presses to which it was not fitted, beside that of plain addition.
-``--write`` replaces the coefficients that ship (tactibench/superposition/neighbours.npz).
+All presses are of the nominal simulated tactip-127, pins without noise. For several coefficients of
+friction, single presses give the field; friction differs from press to press. Pairs and triples at
+random places and depths (5.5 mm apart or more) are fitted by as many single contacts as they have
+and the number of the press, and the law gives the shift of those from the true ones. Printed is the
+error of both directions of the law on presses to which it was not fitted, beside that of plain
+addition. ``--write`` replaces the coefficients that ship (tactibench/superposition/neighbours.npz).
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,11 @@ import numpy as np
 import numpy.typing as npt
 
 import tactibench.superposition as package
-from tactibench import Frame, Indenter, Pose, Scene, SensorContext
+from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import DOME_RADIUS_MM, tip_depths
-from tactibench.markers import PinTracker
-from tactibench.plugins import PluginHost
 from tactibench.protocols import draw_scenes, load_protocol
-from tactibench.superposition import FieldFamily, NeighbourLaw, solve
+from tactibench.superposition import FieldFamily, NeighbourLaw, drag_clue, solve
+from tactibench_sim import TacTip127
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +33,10 @@ HALF_MM, DEPTHS_MM, CLOSEST_MM, TIP_MM = 6.4, (0.5, 6.0), 5.5, 3.0
 FARTHEST_MM, SHALLOWEST_MM = 1.5, 0.1
 """A fit that is farther from the truth, or shallower, has lost its contact and is left out."""
 HELD_OUT = 5
+FRICTIONS = (0.0, 0.25, 0.5, 1.0)
+"""Coefficients of friction; the law is linear between them."""
+WITHIN = 0.13
+"""Standard deviation of the friction from press to press, as a share: that of the sensor."""
 NOISE_PX = 0.02
 """Noise of a displacement, beside which the number of a press is found."""
 
@@ -83,37 +87,31 @@ def report(name: str, law: NeighbourLaw, given: Array, wanted: Array) -> None:
         )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pairs", type=int, default=3000)
-    parser.add_argument("--triples", type=int, default=2000)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
+def displacements(sensor: TacTip127, scenes: Sequence[Scene], rng: np.random.Generator) -> Array:
+    """Return the (S, 2 P) displacements of the pins, px; each press has its own friction."""
+    shares = (1 + WITHIN * rng.standard_normal(len(scenes))).clip(0.1, None)
+    at_rest = Scene(Indenter.single(), Pose())
+    x, y, _ = sensor.renderer.project(sensor.rubbed([at_rest, *scenes], np.append(1.0, shares)))
+    return np.concatenate([x[1:] - x[0], y[1:] - y[0]], axis=1)
+
+
+def laws_of(friction: float, pairs: int, triples: int) -> tuple[float, dict[str, NeighbourLaw]]:
+    """Return the clue of a field with this friction, and the laws "forward" and "inverse"."""
     rng = np.random.default_rng(20260101)
-    spec = PluginHost().sensors["tactip-127"]
-    sensor = spec.load()(
-        SensorContext(np.random.SeedSequence(0)), **spec.settings({"noise": "false"})
-    )
-    singles = draw_scenes(load_protocol("exp1").spec, "singles").scenes
-    with sensor:
-        pins = PinTracker.of([sensor.rest()])
-
-        def watched(scenes: list[Scene]) -> tuple[Array, Array]:
-            frames: list[Frame] = list(sensor.press_many(scenes))
-            moved, sure = pins.track(pins.images(frames))
-            return moved, np.tile(sure, (1, 2)).astype(np.float64)
-
-        alone = np.array([[s.pose.x, s.pose.y, s.pose.depth] for s in singles])
-        moved, count = watched(list(singles[:4000]))[0], len(pins.rest)
-        nominal = np.zeros(len(moved), dtype=np.intp), np.zeros((1, 1 + 2 * count))
-        field = FieldFamily.learn(alone[:4000], moved, *nominal, count).field
-        print(f"fields vary in {field.ways} way from press to press")
-        sets = []
-        for count, each in ((options.pairs, 2), (options.triples, 3)):
-            contacts = free_contacts(count, each, rng)
-            moved, weight = watched([scene_of(c) for c in contacts])
-            fitted = solve(field, moved, contacts, weight / NOISE_PX**2, 20).contacts
-            sets.append((contacts, fitted))
+    sensor = TacTip127(SensorContext(np.random.SeedSequence(0)), friction=friction)
+    singles = draw_scenes(load_protocol("exp1").spec, "singles").scenes[:4000]
+    alone = np.array([[s.pose.x, s.pose.y, s.pose.depth] for s in singles])
+    moved = displacements(sensor, singles, rng)
+    moved += NOISE_PX * rng.standard_normal(moved.shape)
+    nominal = np.zeros(len(moved), dtype=np.intp), np.zeros((1, 1 + moved.shape[1]))
+    field = FieldFamily.learn(alone, moved, *nominal, moved.shape[1] // 2).field
+    clue, sets = drag_clue(field, moved.shape[1] // 2), []
+    print(f"friction {friction:g}: clue {clue:.3f}, numbers of a press: {field.ways}")
+    for count, each in ((pairs, 2), (triples, 3)):
+        contacts = free_contacts(count, each, rng)
+        moved = displacements(sensor, [scene_of(c) for c in contacts], rng)
+        weight = np.full(moved.shape[1], 1 / NOISE_PX**2)
+        sets.append((contacts, solve(field, moved, contacts, weight, 20).contacts))
     laws = {}
     for name in ("forward", "inverse"):
         given, wanted = [], []
@@ -125,18 +123,31 @@ def main() -> None:
             given.append(start[used])
             wanted.append(end[used] - start[used])
         # The effect of a third contact is read from the law of pairs, which therefore comes first.
-        pairs = NeighbourLaw.learn(given[:1], wanted[:1], NeighbourLaw.none())
-        laws[name] = NeighbourLaw.learn(given, wanted, pairs)
+        of_pairs = NeighbourLaw.learn(given[:1], wanted[:1], NeighbourLaw.none())
+        laws[name] = NeighbourLaw.learn(given, wanted, of_pairs)
         for (contacts, fitted), label in zip(sets, ("pairs", "triples"), strict=True):
             held = np.arange(len(contacts)) % HELD_OUT == 0
             ends = (contacts, fitted) if name == "forward" else (fitted, contacts)
             report(f"{name}, {label}", laws[name], ends[0][held], ends[1][held])
+    return clue, laws
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pairs", type=int, default=6000)
+    parser.add_argument("--triples", type=int, default=4000)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    clues, laws = zip(
+        *(laws_of(mu, options.pairs, options.triples) for mu in FRICTIONS), strict=True
+    )
     if options.write:
         path = Path(package.__file__).with_name("neighbours.npz")
-        arrays: dict[str, Any] = {
-            **{f"{n}_pair": law.pair.astype(np.float32) for n, law in laws.items()},
-            **{f"{n}_crowd": law.crowd.astype(np.float32) for n, law in laws.items()},
-        }
+        arrays: dict[str, Any] = {"clues": np.array(clues)}
+        for name in ("forward", "inverse"):
+            for part in ("pair", "crowd"):
+                values = [getattr(each[name], part) for each in laws]
+                arrays[f"{name}_{part}"] = np.array(values, dtype=np.float32)
         np.savez_compressed(path, **arrays)
         print(f"wrote {path.name}, {path.stat().st_size:,} bytes")
 

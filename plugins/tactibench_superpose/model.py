@@ -36,6 +36,7 @@ from tactibench.superposition import (
     NeighbourLaw,
     Residual,
     contact_array,
+    drag_clue,
     nominal_inverse_law,
     single_press_rows,
 )
@@ -113,13 +114,12 @@ def rows_by_count(truth: Sequence[Answer]) -> list[Rows]:
 
 
 def learn_laws(
-    groups: Sequence[MultiContactPresses], held_out: int | None = None
+    nominal: NeighbourLaw, groups: Sequence[MultiContactPresses], held_out: int | None = None
 ) -> tuple[NeighbourLaw, Residual]:
     """Return the law of how contacts act on each other, and what it leaves of pairs.
 
-    Without presses it is the nominal law.
-
     Args:
+        nominal: The law that holds where there were no presses.
         groups: Presses to learn from.
         held_out: One in this many presses of a group, from its first, is left out; None: none is.
     """
@@ -130,7 +130,7 @@ def learn_laws(
             keep[::held_out] = False
         equivalents.append(group.equivalents[keep])
         shifts.append(group.contacts[keep] - group.equivalents[keep])
-    law = NeighbourLaw.learn(equivalents, shifts, nominal_inverse_law(), _ELSEWHERE)
+    law = NeighbourLaw.learn(equivalents, shifts, nominal, _ELSEWHERE)
     for pairs, shift in zip(equivalents, shifts, strict=True):
         if pairs.shape[1] == 2:
             return law, Residual.learn(pairs, shift - law.shift(pairs))
@@ -327,7 +327,8 @@ class Superpose(Model):
     ) -> tuple[NeighbourLaw, Residual]:
         if self._settings["neighbours"] == "none":
             return NeighbourLaw.none(), Residual.none()
-        return learn_laws(groups, held_out)
+        clue = drag_clue(self._ready().family.field, len(self._sensors.first.rest))
+        return learn_laws(nominal_inverse_law(clue), groups, held_out)
 
     def errors(
         self, frames: Sequence[Frame], wanted: Array

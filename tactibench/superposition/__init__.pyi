@@ -12,6 +12,7 @@ from .field import FieldFamily as FieldFamily
 from .field import Solution as Solution
 from .field import contact_array as contact_array
 from .field import cost_of as cost_of
+from .field import drag_clue as drag_clue
 from .field import evidence as evidence
 from .field import matern as matern
 from .field import single_press_rows as single_press_rows

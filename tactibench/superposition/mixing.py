@@ -24,6 +24,7 @@ from tactibench.superposition.field import (
     Field,
     FieldFamily,
     contact_array,
+    drag_clue,
     single_press_rows,
 )
 from tactibench.superposition.neighbours import NeighbourLaw, nominal_law
@@ -289,7 +290,8 @@ def mix(
         truth: True answers to the frames.
         count: Number of new frames.
         rng: Random numbers of everything that is drawn.
-        law: Law of how contacts act on each other; None for that of the nominal dome.
+        law: Law of how contacts act on each other; None for that of the nominal dome, with friction
+            as the fields show it.
         misfit: Largest smooth random error of the displacements, such as ``MISFIT``; 0 for none.
 
     Raises:
@@ -304,16 +306,16 @@ def mix(
         )
     presses = [frames[int(row)] for row in rows]
     single = contact_array([truth[int(row)] for row in rows])[:, 0]
-    law = law or nominal_law()
     low, high = single.min(axis=0), single.max(axis=0)
     sensors = _learn_sensors(presses, single)
     mixed: list[Frame] = []
     mixed_truth: list[Contacts] = []
     for number, sensor in enumerate(sensors):
         total_frames, field = len(range(number, count, len(sensors))), sensor.field()
+        own_law = law or nominal_law(drag_clue(field, len(sensor.pins.rest)))
         for start in range(0, total_frames, _BLOCK):
             for contacts in _draw_contacts(min(_BLOCK, total_frames - start), low, high, rng):
-                equivalents = law.equivalents(contacts)
+                equivalents = own_law.equivalents(contacts)
                 total = _add_fields(field, equivalents, rng)
                 if misfit:
                     total += _unexplained(field, equivalents, misfit, low, high, rng)

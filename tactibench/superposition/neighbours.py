@@ -10,12 +10,11 @@ s, p and h are polynomials of the distance, both depths and the place of the pai
 crowd a third contact takes load off both, which is included to first order.
 
 The shipped coefficients were fitted to finite-element mechanics of a nominal dome (radius 20 mm,
-two and three tips of radius 3 mm at random places that rub with a coefficient of 0.5;
-benchmarks/neighbours.py computes them again). A pair that rubs drags the skin under each tip, which
-the coefficients hold as well. Of pairs to which they were not fitted they leave a median of 0.05 mm
-in place.
-They contain lengths only: no camera, no pins and no frames. ``NeighbourLaw.learn`` fits them to
-labelled presses instead.
+two and three tips of radius 3 mm at random places; benchmarks/neighbours.py computes them again).
+Tips that rub drag the skin under each other. So there are coefficients for a friction of 0, 0.25,
+0.5 and 1, between which a law is linear in how far the skin follows single tips (``drag_clue``):
+that is read from the field, and friction is not told. They contain lengths only: no camera, no pins
+and no frames. ``NeighbourLaw.learn`` fits them to labelled presses instead.
 
 The residual of the law of ``neighbours`` for two contacts, learned from pairs.
 
@@ -279,23 +278,32 @@ class NeighbourLaw:
         return design.reshape(-1, 3 * terms)
 
 
-@cache
-def nominal_law() -> NeighbourLaw:
-    """Return the law from contacts to their equivalents on the nominal dome."""
-    return _stored("forward")
+def nominal_law(clue: float) -> NeighbourLaw:
+    """Return the law from contacts to their equivalents on the nominal dome.
+
+    Args:
+        clue: How far the skin follows tips (``drag_clue``).
+    """
+    return _stored("forward", clue)
 
 
-@cache
-def nominal_inverse_law() -> NeighbourLaw:
-    """Return the law from equivalents to contacts on the nominal dome, fitted by itself."""
-    return _stored("inverse")
+def nominal_inverse_law(clue: float) -> NeighbourLaw:
+    """Return the law from equivalents to contacts on the nominal dome, fitted by itself.
+
+    Args:
+        clue: How far the skin follows tips (``drag_clue``).
+    """
+    return _stored("inverse", clue)
 
 
-def _stored(name: str) -> NeighbourLaw:
+def _stored(name: str, clue: float) -> NeighbourLaw:
+    """Return a shipped law, linear in the clue between the coefficients of friction that ship."""
     with as_file(files(__package__).joinpath(FILE)) as path, np.load(path) as stored:
-        return NeighbourLaw(
-            stored[f"{name}_pair"].astype(float), stored[f"{name}_crowd"].astype(float)
-        )
+        clues = stored["clues"]
+        pair, crowd = (stored[f"{name}_{part}"].astype(float) for part in ("pair", "crowd"))
+    place = float(np.interp(clue, clues, np.arange(len(clues))))
+    share = np.maximum(0.0, 1 - np.abs(np.arange(len(clues)) - place))
+    return NeighbourLaw(np.tensordot(share, pair, 1), np.tensordot(share, crowd, 1))
 
 
 @dataclass(frozen=True, eq=False)

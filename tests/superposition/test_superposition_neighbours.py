@@ -10,6 +10,7 @@ import pytest
 from tactibench.superposition import (
     NeighbourLaw,
     Residual,
+    drag_clue,
     nominal_inverse_law,
     nominal_law,
     recombined,
@@ -46,9 +47,12 @@ def random_law(rng, size=0.05):
     return NeighbourLaw(pair, crowd)
 
 
+SLIDES, STICKS = -0.29, 0.31
+"""How far the skin follows tips without friction, and at a coefficient of 0.5 (``drag_clue``)."""
 LAWS = {
-    "shipped": nominal_law,
-    "inverse": nominal_inverse_law,
+    "without friction": lambda: nominal_law(SLIDES),
+    "shipped": lambda: nominal_law(STICKS),
+    "inverse": lambda: nominal_inverse_law(STICKS),
     "random": lambda: random_law(np.random.default_rng(0)),
 }
 
@@ -120,15 +124,16 @@ def test_a_law_of_pairs_and_crowds_is_found_again():
     assert error < 0.25 * np.abs(only_pairs - wanted).mean(), "the crowd has a part"
 
 
+@pytest.mark.parametrize("clue", [SLIDES, 0.15, STICKS])
 @pytest.mark.parametrize("count", [2, 3])
-def test_forward_and_back_is_the_same_contact(count):
+def test_forward_and_back_is_the_same_contact(count, clue):
     rng = np.random.default_rng(15)
     if count == 2:
         contacts = pairs(rng.uniform(6.5, 12.0, 500), rng.uniform(0.8, 5.0, 500), rng)
     else:
         contacts = apart(300, 3, rng, closest=7.0, depths=(1.0, 4.0))
-    equivalents = nominal_law().equivalents(contacts)
-    back = nominal_inverse_law().equivalents(equivalents) - contacts
+    equivalents = nominal_law(clue).equivalents(contacts)
+    back = nominal_inverse_law(clue).equivalents(equivalents) - contacts
     assert np.abs(back).mean() < 0.03
     assert np.quantile(np.abs(back), 0.95) < 0.1
     # A small part of the way there.
@@ -149,7 +154,10 @@ def test_contacts_put_together_anew_are_the_old_ones_far_enough_apart():
 
 def test_level_pairs_say_nothing_of_uneven_ones():
     rng = np.random.default_rng(13)
-    law, level = nominal_law(), pairs(rng.uniform(6.5, 12, 500), rng.uniform(0.5, 6, 500), rng)
+    law, level = (
+        nominal_law(SLIDES),
+        pairs(rng.uniform(6.5, 12, 500), rng.uniform(0.5, 6, 500), rng),
+    )
     more = 0.05 * np.sin(2 * level[..., 2:]) * np.array([0.0, 0.0, 1.0])
     shifts = law.shift(level) + more + 0.01 * rng.normal(size=level.shape)
     uneven = pairs(rng.uniform(6.5, 12, 200), rng.uniform(1, 3, 200), rng)
@@ -207,3 +215,26 @@ def test_turned_and_mirrored_pairs_have_turned_and_mirrored_remainders(learned) 
     turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(learned.shift(pairs @ turn.T), shift @ turn.T, atol=1e-9)
     np.testing.assert_allclose(learned.shift(pairs[:, ::-1]), shift[:, ::-1], atol=1e-9)
+
+
+def test_friction_is_read_from_single_presses(push_pins):
+    """Skin that follows tips moves all pins away from the axis."""
+
+    class Pulled:
+        """A field whose pins move by ``pull`` along the way to the contact, beyond their own."""
+
+        def __init__(self, pull):
+            self.pull = pull
+
+        def __call__(self, contacts):
+            own = push_pins(contacts[:, None])
+            away = contacts[:, :2] / np.hypot(*contacts[:, :2].T)[:, None]
+            return own + self.pull * np.repeat(away, own.shape[1] // 2, axis=1)
+
+    clues = [drag_clue(Pulled(pull), 61) for pull in (-0.5, 0.0, 0.5, 50.0)]
+    assert clues == sorted(clues)
+    assert clues[-1] == pytest.approx(1.0, abs=0.02)  # all pins move alike
+    laws = [nominal_law(clue).pair for clue in (-9.0, SLIDES - 0.01, 0.0, 2.0, 9.0)]
+    np.testing.assert_array_equal(laws[0], laws[1])  # no friction is the least
+    np.testing.assert_array_equal(laws[3], laws[4])
+    assert not np.allclose(laws[1], laws[2])
