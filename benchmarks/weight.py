@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (850, 11),
     "tactibench/board": (2094, 12),
     "tactibench/cli": (2115, 12),
-    "tactibench/datasets": (4496, 19),
+    "tactibench/datasets": (4546, 19),
     "tactibench/frames": (1924, 12),
     "tactibench/live": (409, 4),
     "tactibench/markers": (1778, 8),

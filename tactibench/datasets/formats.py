@@ -17,6 +17,7 @@ import hashlib
 import re
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -25,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from tactibench.contacts import Scene
+from tactibench.contacts import Pose, Scene
 from tactibench.datasets.labels import (
     ALIAS,
     CONTACT_COLUMNS,
@@ -43,10 +44,12 @@ from tactibench.datasets.options import (
     MM_PER,
     NONE,
     REFUSE,
+    SINGLE,
     ImportOptions,
     stated_unit,
 )
 from tactibench.datasets.pictures import (
+    PICTURES,
     VIDEOS,
     check_picture,
     is_picture,
@@ -318,11 +321,13 @@ def find_frame(folder: Path, places: Sequence[Path], name: str) -> dict[Path, Pa
         name: The frame's name, which may be absolute or from another machine.
     """
     parts = PurePosixPath(name).parts
+    ends = ("",) if name.lower().endswith(PICTURES) else ("", *PICTURES)  # a name may lack its end
     for start in range(len(parts)):
         above = folder / parts[start - 1] if start else None
         free = [p for p in places if above is None or p == above or not above.is_dir()]
-        hits = {place: place.joinpath(*parts[start:]) for place in free}
-        if hits := {place: file for place, file in hits.items() if file.is_file()}:
+        last = "/".join(parts[start:])
+        tried = {(place, end): place / f"{last}{end}" for end in ends for place in free}
+        if hits := {place: file for (place, _), file in tried.items() if file.is_file()}:
             return hits
     return {}
 
@@ -422,10 +427,24 @@ def read_labels(
     indenter = choose_indenter(options, columns)
     needed, empty = tip_columns(options, indenter)  # read even where cells are no numbers
     columns = tuple(dict.fromkeys([*columns, *(c for c in table.columns if c in needed)]))
-    labels = {column: table.numbers(column, allow_empty=column in empty) for column in columns}
+    places = needed & {*table.columns} if indenter == SINGLE else set()
+    resting = table.blank(places)
+    labels = {
+        column: table.numbers(
+            column, allow_empty=column in empty or (column in places and bool(resting.any()))
+        )
+        for column in columns
+    }
+    for column in places:
+        if np.isnan(labels[column][~resting]).any():
+            table.numbers(column)
     roles = role_columns(options, indenter, labels, table.path)
     in_units = {column: _factor(column, options) * values for column, values in labels.items()}
+    in_units |= {column: np.where(resting, 0.0, in_units[column]) for column in places}
     scenes = scenes_of(in_units, roles, options, indenter, table.path)
+    if scenes is not None and resting.any():
+        touching = zip(scenes, resting, strict=True)
+        scenes = tuple(replace(s, pose=Pose(depth=0.0)) if rests else s for s, rests in touching)
     presses, note = read_presses(table, names, options, place_keys(scenes, labels))
     forces: Sequence[Forces | None] = [None] * len(names)
     if scenes is not None and "force" in roles:

@@ -153,16 +153,25 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
         table, candidates = _find_channels(folder, known, evidence)
         evidence.give("surface", "flat", "no table says it; write dome if a dome is pressed")
     numbers = [name for name in candidates if is_numeric(table, name)]
-    find_roles(table, [name for name in numbers if name not in table.signals], evidence)
-    find_press(table, candidates, evidence)
+    labels = [name for name in numbers if name not in table.signals]
+    if found is None and labels and all(_is_flag(table, name) for name in labels):
+        evidence.remarks["channels"] = f"which places are touched: {shown(labels, most=8)}"
+    else:
+        find_roles(table, labels, evidence)
+        find_press(table, candidates, evidence)
+        evidence.give("radius_mm", "3.0", "of the tip; no table says it")
     options = evidence.options
-    evidence.give("radius_mm", "3.0", "of the tip; no table says it")
     used = {name.removeprefix("-") for text in options.values() for name in text.split(",")}
     for name in candidates:
         if name not in used:
             evidence.unused.setdefault(name, _reason(table, name, name in numbers))
     unused = {name: why for name, why in evidence.unused.items() if name not in used}
     return Guess(options, {k: v for k, v in evidence.remarks.items() if k not in given}, unused)
+
+
+def _is_flag(table: Table, name: str) -> bool:
+    """Return whether a column holds nothing but 0 and 1: whether a place is touched."""
+    return {*np.unique(table.numbers(name, allow_empty=True)).tolist()} <= {0.0, 1.0}
 
 
 def _reason(table: Table, name: str, is_numeric: bool) -> str:
@@ -288,18 +297,23 @@ def _find_channels(
             f"{table.path} does not tell which columns are the channels; say it with --param "
             f"channel_columns=FIRST:LAST; its columns are {shown(table.columns)}."
         )
-    if chosen:
-        evidence.give("channel_columns", chosen, f"{len(columns):,} channels")
-    before = chosen.replace("after", "before")
-    if before != chosen and before in source.arrays:
-        evidence.give("before", before, "the channels before a press are subtracted")
-    clocks = [
+    clocks: list[list[str]] = [
         [c for c in t.columns if is_numeric(t, c) and counts_up(t, c)][:1] for t in (table, source)
     ]
     if not same and all(clocks) and not known.join:
         evidence.give("join", clocks[0][0], "it counts up in both files, as a time does")
         if clocks[0] != clocks[1]:
             evidence.give("channels_time", clocks[1][0])
+    if chosen or ("join" not in evidence.options and len(columns) < len(source.columns)):
+        chosen = chosen or source.listed(columns)
+        evidence.give("channel_columns", chosen, f"{len(columns):,} channels")
+        left = {*source.columns} - {*columns} if not same else set()
+        evidence.unused |= dict.fromkeys(
+            left, f"no channel of {source.path.name}, but a time or text"
+        )
+    before = chosen.replace("after", "before")
+    if before != chosen and before in source.arrays:
+        evidence.give("before", before, "the channels before a press are subtracted")
     values = np.column_stack([source.numbers(c, allow_empty=True) for c in columns])
     if len(values) == len(table):
         values = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-12)
@@ -351,7 +365,7 @@ def channels_of(table: Table) -> str:
             or (len(ranked) > 1 and ranked[1][1] * 2 > ranked[0][1])
         ):
             return ""
-        return ",".join(name for name in columns if stem(name) == ranked[0][0])
+        return table.listed([name for name in columns if stem(name) == ranked[0][0]])
     few = [
         len(np.unique(table.numbers(name, allow_empty=True))) < _GRID * len(table)
         for name in columns

@@ -25,7 +25,8 @@ _AXES = {
     "force": r"force|load|f[zn]",
     "spacing": r"spacing|separation|gap",
     "yaw": r"yaw|rot(ation)?|orientation|angle|theta",
-    "press": r"press(es)?|trial|touch|poke|tap",
+    "press": r"press(es)?|trial|touch|poke|tap|contact|episode|event|grasp|seq(uence)?|stroke|run"
+    r"|cycle|interaction|rep(eat|etition)?|sample",
     "w": r"q?w",
 }
 """Words of a role; a column has the first role that one of its words has."""
@@ -40,10 +41,11 @@ _ELSE = {
     *("rotation", "rot", "error", "err", "std", "var", "target", "cmd", "command", "goal"),
     *("pixel", "pixels", "pred", "predicted", "camera", "cam", "imu", "marker", "pin", "delta"),
     *("noise", "offset", "gripper", "image", "bit", "move", "temp", "temperature", "wrench"),
-    *("fx", "fy", "fz", "sigma", "rms", "twist", "normal", "gel", "base"),
+    *("fx", "fy", "fz", "sigma", "rms", "twist", "normal", "gel", "base", "displacement", "disp"),
+    *("flow", "slip", "drag", "strain", "stress", "pressure", "deformation", "voltage", "current"),
 }
 """Words beside an axis that name another quantity, or another thing than the tip."""
-_NARROWEST_MM, _WIDEST_MM = 1.0, 300.0
+_NARROWEST_MM, _WIDEST_MM = 3.0, 300.0
 """Spans of the places of a sensor: a finger's pad has 10 mm, a large skin 200 mm."""
 _ALIKE = 0.6
 """Least rank correlation of a column with itself in the row whose channels are most alike: .9 and
@@ -52,6 +54,8 @@ _FOLLOWS = 0.3
 """Least rank correlation of a height with the strength of the signal, to tell its sign."""
 _FEWEST_ROWS = 20
 """Rows from which a correlation of that size is no chance."""
+_FEWEST_PRESSES = 10
+"""Presses of a recording; a column with fewer names sessions, unless its rows share a place."""
 _FAR_MM = 20.0
 """No soft sensor is pressed so deep: such depths are heights of a robot."""
 _MOST_TURN = 6.3
@@ -135,7 +139,12 @@ def find_roles(table: Table, columns: Sequence[str], evidence: Evidence) -> None
             what to write.
     """
     options, remarks, unused = evidence.options, evidence.remarks, evidence.unused
-    names = [take_apart(column) for column in columns if column not in options.values()]
+    of_arrays = {c for name in table.arrays for c in table.select(name)}
+    names = [
+        Name(column, "", "1", tuple(words(column))) if column in of_arrays else take_apart(column)
+        for column in columns
+        if column not in options.values()
+    ]
     for quaternion in _quaternions(table, names):
         unused |= dict.fromkeys(quaternion, "a unit quaternion")
         names = [name for name in names if name.column not in quaternion]
@@ -154,8 +163,10 @@ def find_roles(table: Table, columns: Sequence[str], evidence: Evidence) -> None
     if "force" not in options and options.get("indenter", "single") == "single":
         _find_force(table, names, evidence)
     spacing = [name.column for name in names if name.axis == "spacing" and not name.is_else]
-    if spacing and options.get("indenter") not in ("tips", "single"):
+    turned = any(name.axis == "yaw" and not name.is_else for name in names)
+    if spacing and options.get("indenter", "dual") == "dual" and (turned or "yaw" in options):
         evidence.give("spacing", spacing[0])
+    unused |= dict.fromkeys(spacing, "a pair without a turn? write indenter=dual spacing=COLUMN")
     if "spacing" in options:
         evidence.give("indenter", "dual")
         _find_turn(table, names, evidence)
@@ -261,36 +272,36 @@ def _may_be_places(table: Table, pair: Sequence[Name], evidence: Evidence) -> bo
 
 
 def _is_other_tip(table: Table, first: Sequence[Name], other: Sequence[Name]) -> bool:
-    """Return whether places lie where those of the first tip do, and are not the same."""
+    """Return whether places lie where those of the first tip do, but not right at them."""
+    apart = []
     for one, two in zip(first, other, strict=True):
         a, b = (_values(table, name.column) for name in (one, two))
-        wide, span = np.ptp(a[np.isfinite(a)]), np.ptp(b[np.isfinite(b)])
-        apart = abs(np.nanmedian(a) - np.nanmedian(b))
-        if len(a) >= _FEWEST_ROWS and (not wide / 4 <= span <= 4 * wide or apart > 2 * wide):
+        wide, span = (np.nanmax(values) - np.nanmin(values) for values in (a, b))
+        away = abs(np.nanmedian(a) - np.nanmedian(b))
+        if len(a) >= _FEWEST_ROWS and (not wide / 4 <= span <= 4 * wide or away > 2 * wide):
             return False
-        if np.nanmax(np.abs(a - b)) == 0 and wide > 0:
-            return False
-    return True
+        apart.append(np.abs(a - b) > 0.1 * wide)
+    return bool(np.mean(apart[0] | apart[1]) > 0.5) or len(table) < _FEWEST_ROWS
 
 
 def _find_unnamed_places(table: Table, names: Sequence[Name], evidence: Evidence) -> None:
     """Take the first two columns without names as x and y where the signal has part in both."""
-    series = [name for name in names if name.number and not name.axis]
-    alike = {
-        name.column: evidence.alike(_values(table, name.column))
-        for name in series
-        if not counts_up(table, name.column)
-    }
-    if len(alike) < 2 or (table.header and not table.arrays):
+    may_be = [
+        name.column
+        for name in names
+        if name.number and not name.axis and not {*name.beside} & _ELSE
+        if not counts_up(table, name.column) and len(np.unique(_values(table, name.column))) > 2
+    ]
+    if len(may_be) < 2 or (table.header and not table.arrays):
         return
-    x, y = list(alike)[:2]
-    ranks = [alike[column] or 0.0 for column in (x, y)]
+    x, y = may_be[:2]
+    ranks = [evidence.alike(_values(table, column)) or 0.0 for column in (x, y)]
     spans = [_span(table, column) for column in (x, y)]
     if min(ranks) >= _ALIKE and max(spans) <= 10 * min(spans):
         said = "no name says it: the first two columns that rows with a like signal share"
         evidence.give("x", x, f"{said} (rank correlation {ranks[0]:.2f}); check it")
         evidence.give("y", y, f"likewise ({ranks[1]:.2f})")
-        for column in list(alike)[2:]:
+        for column in may_be[2:]:
             evidence.unused[column] = f"a depth or a force? write depth={column} or force={column}"
 
 
@@ -305,7 +316,7 @@ def _find_unit(table: Table, evidence: Evidence) -> None:
         evidence.give("unit", str(units.pop()), "as the other column of places")
         return
     span = max(_span(table, column) for column in columns)
-    if 0 < span < _NARROWEST_MM or span > _WIDEST_MM:
+    if len(table) >= _FEWEST_ROWS and not _NARROWEST_MM <= span <= _WIDEST_MM:
         if not 1e-3 * _NARROWEST_MM <= span <= 1e-3 * _WIDEST_MM:
             raise UserError(
                 f"{table.path}: the places span {span:.4g}, which tells no unit; say it with "
@@ -389,7 +400,9 @@ def _find_force(table: Table, names: Sequence[Name], evidence: Evidence) -> None
     normal = [
         name
         for name in names
-        if name.axis == "force" or (name.axis == "z" and {*name.beside} & {"force", "f"})
+        if name.axis == "force"
+        or (name.axis == "z" and {*name.beside} & {"force", "f"})
+        or (not name.axis and stated_unit(name.column) == "N")
         if not {*name.beside} & {"target", "cmd", "gripper", "goal", "error", "pred"}
     ]
     for name in normal:
@@ -477,9 +490,9 @@ def find_press(table: Table, columns: Sequence[str], evidence: Evidence) -> None
             wide = float(
                 np.median(np.max(spans / np.maximum(np.ptp(places, axis=0), 1e-12), axis=1))
             )
-        if groups == 1 or (changes > 1.5 * groups and wide > 0.1):
-            evidence.unused[column] = "a number of repeats or sessions: its rows are not together"
-        elif wide > 0.5:
+        if groups in (1, len(cells)) or (changes > groups and wide > 0.1):
+            evidence.unused[column] = "its rows are not together, so that it numbers no presses"
+        elif groups < _FEWEST_PRESSES and wide > 0.5:
             evidence.unused[column] = "a session: its rows are at places all over the sensor"
         else:
             evidence.give("press", column, "frames of one press train or test, never both")
@@ -501,4 +514,5 @@ def stem(name: str) -> str:
     part = take_apart(name)
     if not part.number or (part.axis and not part.is_else and part.axis != "force"):
         return ""
-    return next((word for word in words(name) if not word.isdigit()), "")
+    first = next((word for word in words(name) if not word.isdigit()), "")
+    return re.sub(r"(?<=.)[xyz]$", "", first)

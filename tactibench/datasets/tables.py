@@ -15,7 +15,7 @@ import struct
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
@@ -122,6 +122,11 @@ class Table:
             chosen |= dict.fromkeys(names or [self.column(name)])
         return tuple(chosen)
 
+    def listed(self, columns: Sequence[str]) -> str:
+        """Return the text for which ``select`` gives these columns."""
+        text = f"{columns[0]}:{columns[-1]}"
+        return text if list(self.select(text)) == [*columns] else ",".join(columns)
+
     @property
     def signals(self) -> set[str]:
         """Columns of arrays with so many values a row that they are signals, and no labels."""
@@ -157,6 +162,11 @@ class Table:
                 f"remove them{_COMMAS if ',' in cells[bad[0]] else '.'}"
             )
         return numbers
+
+    def blank(self, columns: Collection[str]) -> npt.NDArray[np.bool_]:
+        """Return the rows, (N,), that have no value in any of these columns: nothing is touched."""
+        cells = self.cells[[*columns]].map(lambda cell: bool(_NO_VALUE.fullmatch(str(cell))))
+        return np.asarray(cells.all(axis=1) & bool(columns), dtype=bool)
 
     def numeric_share(self, column: str) -> float:
         """Return the share of a column's cells that are finite numbers."""

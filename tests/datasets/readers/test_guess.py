@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from tactibench import UserError
 from tactibench.datasets import guess_mapping, open_recording, read_mapping, write_mapping
@@ -299,3 +300,107 @@ def test_ordinary_tables_are_read(
     write_mapping(tmp_path / "map.toml", guess)
     recording = open_recording(lab.folder, read_mapping(tmp_path / "map.toml"))
     assert [s.pose.depth for s in recording.scenes if s is not None] == lab.depth.tolist()
+
+
+class Skin:
+    """Random presses on sixteen taxels, and files of them."""
+
+    def __init__(self, folder: Path, rows: int = 120) -> None:
+        rng = np.random.default_rng(1)
+        self.folder, self.rows = folder, rows
+        self.x, self.y = rng.uniform(-20, 20, (2, rows)).round(3)
+        self.depth = rng.uniform(0.2, 3, rows).round(3)
+        at = np.array([(a, b) for a in (-15, -5, 5, 15) for b in (-15, -5, 5, 15)])
+        apart = (self.x[:, None] - at[:, 0]) ** 2 + (self.y[:, None] - at[:, 1]) ** 2
+        self.taxels = self.depth[:, None] * np.exp(-apart / 400) + rng.normal(0, 0.01, apart.shape)
+        folder.mkdir(parents=True)
+
+    def write(self, name: str, columns: Sequence[Any], header: str = "") -> Path:
+        rows = [",".join(map(str, row)) for row in np.column_stack(columns)]
+        (self.folder / name).write_text("\n".join([header] * bool(header) + rows) + "\n")
+        return self.folder
+
+
+@pytest.fixture
+def skin(tmp_path: Path) -> Skin:
+    return Skin(tmp_path / "skin")
+
+
+NAMES = ",".join(f"s{n}" for n in range(16))
+FIELD = ",".join(f"B{axis}{n}" for n in range(5) for axis in "xyz")
+
+
+@pytest.mark.parametrize(
+    ("header", "channels", "count"),
+    [(f"t,x,y,depth,{NAMES}", "s0:s15", 16), (f"t,x,y,depth,{FIELD},T", "Bx0:Bz4", 15)],
+)
+def test_labels_and_channels_of_one_table(
+    skin: Skin, tmp_path: Path, header: str, channels: str, count: int
+) -> None:
+    time = np.arange(skin.rows) * 0.1
+    guess = guess_mapping(
+        skin.write("all.csv", [time, skin.x, skin.y, skin.depth, skin.taxels], header)
+    )
+    found = [guess.options[name] for name in ("channel_columns", "x", "y", "depth")]
+    assert found == [channels, "x", "y", "depth"]
+    assert "t" in guess.unused
+    write_mapping(tmp_path / "map.toml", guess)
+    recording = open_recording(skin.folder, read_mapping(tmp_path / "map.toml"))
+    assert recording.kind.shape == (count,)
+    assert {*recording.labels} >= {"x", "y", "depth"}
+
+
+def test_columns_without_names_need_a_part_in_the_signal(skin: Skin) -> None:
+    skin.write("in.csv", [skin.taxels])
+    guess = guess_mapping(skin.write("out.csv", [skin.x, skin.y, skin.depth]))
+    assert [guess.options[name] for name in ("table", "channels")] == ["out.csv", "in.csv"]
+    assert [guess.options[name] for name in ("x", "y")] == ["column_1", "column_2"]
+    assert "depth=column_3 or force=column_3" in guess.unused["column_3"]
+    far = guess_mapping(skin.write("out.csv", [skin.x, skin.y, 150 - skin.depth]))
+    assert far.options["depth"] == "-column_3"
+    rng = np.random.default_rng(0)
+    skin.write("out.csv", [rng.permutation(skin.x), rng.permutation(skin.y), skin.depth])
+    with pytest.raises(UserError, match=r"surely x.*--param x=COLUMN"):
+        guess_mapping(skin.folder)
+    skin.write("third.csv", [skin.taxels])
+    with pytest.raises(UserError, match=r"channels=in\.csv, third\.csv"):
+        guess_mapping(skin.folder)
+
+
+def test_a_time_is_no_channel(skin: Skin) -> None:
+    time = np.arange(skin.rows) * 0.1
+    skin.write("field.csv", [time, skin.taxels], f"time,{NAMES}")
+    guess = guess_mapping(skin.write("poses.csv", [skin.x, skin.y, skin.depth], "x,y,depth"))
+    assert guess.options["channel_columns"] == "s0:s15"
+    assert "time" in guess.unused
+    guess = guess_mapping(
+        skin.write("poses.csv", [time[::2], *(v[::2] for v in (skin.x, skin.y))], "time,x,y")
+    )
+    assert guess.options["join"] == "time"
+
+
+def test_rows_without_a_place_touch_nothing(skin: Skin, tmp_path: Path) -> None:
+    labels = np.column_stack([skin.x, skin.y, skin.depth])
+    labels[::10] = np.nan
+    skin.write("all.csv", [labels, skin.taxels], f"x,y,depth,{NAMES}")
+    write_mapping(tmp_path / "map.toml", guess_mapping(skin.folder))
+    recording = open_recording(skin.folder, read_mapping(tmp_path / "map.toml"))
+    depths = [scene.pose.depth for scene in recording.scenes if scene is not None]
+    assert depths[::10] == [0.0] * 12
+    assert depths[1] == skin.depth[1]
+    labels[5, 0] = np.nan
+    skin.write("all.csv", [labels, skin.taxels], f"x,y,depth,{NAMES}")
+    with pytest.raises(UserError, match="x is 'nan', but it must be"):
+        open_recording(skin.folder, read_mapping(tmp_path / "map.toml"))
+
+
+def test_channels_before_a_press_are_subtracted(skin: Skin, tmp_path: Path) -> None:
+    touched = (np.random.default_rng(3).uniform(size=(skin.rows, 4)) > 0.5).astype(np.uint8)
+    arrays = {"befores": skin.taxels * 0 + 7, "afters": skin.taxels + 7, "patterns": touched}
+    savemat(skin.folder / "batch.mat", arrays)
+    guess = guess_mapping(skin.folder)
+    assert (guess.options["channel_columns"], guess.options["before"]) == ("afters", "befores")
+    write_mapping(tmp_path / "map.toml", guess)
+    recording = open_recording(skin.folder, read_mapping(tmp_path / "map.toml"))
+    assert np.allclose(recording.signal(5), skin.taxels[5], atol=1e-5)
+    assert [*recording.labels] == [f"patterns_{n}" for n in range(1, 5)]

@@ -168,8 +168,8 @@ def test_a_mistake_is_named_with_its_row(
             {"indenter": "dual", "spacing": "spacing", "yaw": "yaw", "angles": "deg"},
         ),
         (
-            "x,y,depth,spacing_mm,height_1_mm,height_2_mm",
-            [1, 2, 3, 8, 0, 0.5],
+            "x,y,depth,spacing_mm,yaw_deg,height_1_mm,height_2_mm",
+            [1, 2, 3, 8, 0, 0, 0.5],
             {"indenter": "dual", "heights": "height_1_mm,height_2_mm"},
         ),
         ("x_px,x_mm,y_mm,depth,force_z", [64, 2, 3, 1, 9], {"x": "x_mm", "depth": "depth"}),
