@@ -363,6 +363,43 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     save_json(json_file, _info_rows(recording, labels, pins, protocols))
 
 
+@data.command(short_help="how good is the sensor, before any model")
+@click.argument("folder", type=click.Path(path_type=Path))
+@output_file("--out", suffixes=(".html",), metavar="FILE.html", help="Write a page, too.")
+@param_option("NAME=VALUE", "Say where labels are and what they mean, as `data import` does.")
+@json_option
+def report(folder: Path, out: Path | None, params: tuple[str, ...], json_file: Path | None) -> None:
+    """Show how good the sensor of FOLDER is: a recording of any known format, or a data set.
+
+    Pins or channels, noise, repeatability, drift, hysteresis, the smallest press, what is dead,
+    saturated or frozen, the best that any model could do, and what limits it.
+
+    \b
+    tactibench data report recordings/331 --out sensor.html
+    """
+    from tactibench.cli.output import Terminal
+    from tactibench.datasets import open_recording, read_options, report_sensor
+    from tactibench.records import atomic
+    from tactibench.report import print_table, sensor_page, sensor_table
+
+    terminal = Terminal()
+    options = read_options(params)
+    recording = open_recording(folder, options)
+    with terminal.task("follow pins", len(recording)) as advance:
+        found = report_sensor(recording, options, advance)
+    facts = f"{len(recording):,} frames of {recording.kind}"
+    terminal.say(f"{folder}: {facts}")
+    print_table(terminal.out, sensor_table(found))
+    print_labels_report(terminal, _labels_report(recording, options))
+    terminal.say(found.limit)
+    if out is not None:
+        with atomic(out) as stream:
+            stream.write(sensor_page(found, folder.resolve().name, facts).encode())
+        terminal.say(f"page: {out}")
+    rows = [_row(m.name, "all", m.value, m.unit) | {"remark": m.remark} for m in found.measures]
+    save_json(json_file, [*rows, _row("limit", "all", found.limit)])
+
+
 def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:
     presses = len(set(recording.presses))
     known = sum(scene is not None for scene in recording.scenes)

@@ -49,6 +49,11 @@ from .plausibility import LabelReport as LabelReport
 from .plausibility import cached_fit as cached_fit
 from .plausibility import cached_report as cached_report
 from .plausibility import check_labels as check_labels
+from .quality import Measure as Measure
+from .quality import SensorReport as SensorReport
+from .quality import Signals as Signals
+from .quality import measure_signals as measure_signals
+from .quality import report_sensor as report_sensor
 from .recording import BINS as BINS
 from .recording import LabelSummary as LabelSummary
 from .recording import PinSummary as PinSummary

@@ -521,9 +521,9 @@ def read_presses(
             else np.unique(list(table.cells[name]), return_inverse=True)[1]
             for name in columns
         ]
-        groups.append(_same_places(np.column_stack(numbers)))
+        groups.append(same_places(np.column_stack(numbers)))
     if places is not None:
-        place = _same_places(places)
+        place = same_places(places)
         reach = pd.DataFrame(places).groupby(place)
         if float((reach.max() - reach.min()).to_numpy().max()) > _LONGEST_PLACE:
             # Rows on a path have neighbours all along it: only equal ones are one place.
@@ -554,7 +554,7 @@ def _linked(groups: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _same_places(points: FloatArray) -> npt.NDArray[np.int64]:
+def same_places(points: FloatArray) -> npt.NDArray[np.int64]:
     """Return the (N,) groups of (N, K) points that are one place along every axis."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -200,13 +200,13 @@ def fit_recording(
     """
     labels = recording.complete_labels()
     columns = role_columns(options, PLATE, labels, recording.table)
-    shear_columns = _changing(labels, _SHEAR)
+    dragged = shear_columns(labels)
     rows = _least_sheared(recording, _changing(labels, _TRAVEL), most)
     pins, spread, middle = follow_spreads(recording, rows, advance)
     depth, tilt = (signed_column(labels, columns[role])[rows] for role in ("depth", "tilt"))
     shear = None
-    if shear_columns:
-        shear = np.column_stack([labels[name][rows] for name in shear_columns])
+    if dragged:
+        shear = np.column_stack([labels[name][rows] for name in dragged])
     pivot = fit_pivot(spread, depth, tilt, shear)
     untouched = ~_touching(spread)
     deep = indentation(depth, tilt, pivot.offset_mm, pivot.pivot_mm, pivot.side_mm)
@@ -214,7 +214,7 @@ def fit_recording(
     return RecordingFit(
         pivot,
         columns,
-        shear_columns,
+        dragged,
         pins,
         lean_deg=towards,
         following=following,
@@ -264,6 +264,11 @@ def follow_spreads(
         middle[start : start + _BATCH] = middle_of_spread(moved, tracker.rest)
         advance(len(batch))
     return len(tracker.rest), spread, middle
+
+
+def shear_columns(labels: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """Return the columns that say how a press was dragged along, where they change."""
+    return _changing(labels, _SHEAR)
 
 
 def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tuple[str, ...]:

@@ -208,8 +208,9 @@ def _unfollowed(
         facts: List to which findings are added.
         rested: Whether movement was measured from a rest frame.
     """
-    if len(depth) < 3 or np.ptp(depth) == 0:
-        facts.append("the depth is the same in all presses that touch: not checked")
+    if len(depth) < 3 or not np.ptp(depth) > 0:
+        known = "not known" if np.isnan(depth).any() else "the same in all presses that touch"
+        facts.append(f"the depth is {known}: not checked")
         return []
     rank = _rank_correlation(moved, depth)
     facts.append(f"the {noun} move more the deeper the press: rank correlation {rank:.2f}")
@@ -259,16 +260,10 @@ def _check_tips(
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
     deep = depth[rows]
-    if np.isnan(deep).any():
-        rows = rows[np.isnan(deep)]  # the others touch nothing
-        places = np.column_stack([x, y])[rows]
-        presses = np.array(recording.presses)[rows]
-        facts.append("the depth is not known: not checked")
-        if channels:
-            wrong += _unlike(_deviations(recording, rows), places, presses, facts)
-        return LabelReport(len(rows), tuple(facts), tuple(wrong))
-    touching, noun = deep > 0, "channels" if channels else "pins"
+    touching, noun = ~(deep <= 0), "channels" if channels else "pins"
     wrong += _unfollowed(moved[touching], deep[touching], noun, facts, rested=rested)
+    if np.isnan(deep).any():
+        rows, middle = rows[touching], None  # the others touch nothing
     places = np.column_stack([x, y])[rows]
     if middle is not None:
         wrong += _misplaced(middle, places, facts)
@@ -406,14 +401,7 @@ def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str
     if np.ptp(xy[:, 0]) == 0 or np.ptp(xy[:, 1]) == 0:
         facts.append("x or y is the same in all presses: not checked")
         return []
-    terms = np.column_stack([np.ones(len(xy)), xy])
-    keep = np.ones(len(xy), dtype=bool)
-    for _ in range(3):  # a press that hardly touches has no place: its residual is left out
-        slope = np.linalg.lstsq(terms[keep], middle[keep], rcond=None)[0]
-        off = np.linalg.norm(middle - terms @ slope, axis=1)
-        keep = off <= 4 * np.median(off)
-    inside, fitted = middle[keep], terms[keep] @ slope
-    share = 1 - ((inside - fitted) ** 2).sum() / ((inside - inside.mean(axis=0)) ** 2).sum()
+    slope, share = fit_places(middle, xy)
     matrix = slope[1:].T  # px of the frame by mm
     scales = np.linalg.svd(matrix, compute_uv=False)
     facts.append(f"x and y explain {share:.0%} of where the pins spread")
@@ -435,3 +423,24 @@ def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str
     turn = math.degrees(math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))
     facts.append(f"the camera is turned by {turn:.0f} deg against x and y")
     return []
+
+
+def fit_places(middle: FloatArray, places: FloatArray) -> tuple[FloatArray, float]:
+    """Fit the places about which pins spread by a straight line of the labels.
+
+    Args:
+        middle: (N, 2) px.
+        places: (N, K) labels, mm.
+
+    Returns:
+        (1 + K, 2) offset and slopes, px and px by mm, and the share that the labels explain.
+    """
+    terms = np.column_stack([np.ones(len(places)), places])
+    keep = np.ones(len(places), dtype=bool)
+    for _ in range(3):  # a press that hardly touches has no place: its residual is left out
+        slope = np.linalg.lstsq(terms[keep], middle[keep], rcond=None)[0]
+        off = np.linalg.norm(middle - terms @ slope, axis=1)
+        keep = off <= 4 * np.median(off)
+    inside, fitted = middle[keep], terms[keep] @ slope
+    left = ((inside - fitted) ** 2).sum() / ((inside - inside.mean(axis=0)) ** 2).sum()
+    return np.asarray(slope, dtype=np.float64), 1 - float(left)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -201,6 +202,16 @@ def _join(
     return near.tolist(), joined["partner"].to_numpy()[near].tolist()
 
 
+def stuck_channels(
+    values: npt.NDArray[Any],
+) -> tuple[npt.NDArray[np.bool_], FloatArray]:
+    """Return which of (N, C) channels never change, and the share of rows at a limit, 0 if few."""
+    low, high = values.min(axis=0), values.max(axis=0)
+    at_limit = np.maximum((values == low).mean(axis=0), (values == high).mean(axis=0))
+    at_limit[(low == high) | (at_limit <= max(_SATURATED, 2.5 / len(values)))] = 0.0
+    return low == high, at_limit
+
+
 def _notes(
     table: Table, skipped: int, values: npt.NDArray[np.float32], names: Sequence[str]
 ) -> tuple[str, ...]:
@@ -210,11 +221,8 @@ def _notes(
         notes.append(f"{table.path.name} has no header line; its columns are {first} to {last}.")
     if skipped:
         notes.append(f"{skipped:,} rows of {table.path.name} left out: no channels at their time.")
-    flat = values.reshape(len(values), -1)
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    constant = low == high
-    at_limit = np.maximum((flat == low).mean(axis=0), (flat == high).mean(axis=0))
-    saturated = ~constant & (at_limit > max(_SATURATED, 2.5 / len(flat)))
+    constant, at_limit = stuck_channels(values.reshape(len(values), -1))
+    saturated = at_limit > 0
     for which, verb in ((constant, "never change"), (saturated, "stand at a limit in")):
         if which.any():
             channels = shown([names[at] for at in np.flatnonzero(which).tolist()], most=6)

@@ -66,6 +66,8 @@ from .run_view import print_run as print_run
 from .run_view import print_summary as print_summary
 from .run_view import speed_line as speed_line
 from .run_view import speed_table as speed_table
+from .sensor_page import sensor_page as sensor_page
+from .sensor_page import sensor_table as sensor_table
 from .style import BLACK as BLACK
 from .style import GREY as GREY
 from .style import MODELS as MODELS

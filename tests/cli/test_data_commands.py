@@ -140,6 +140,18 @@ def test_fit_prints_the_command_that_imports_with_it(
     assert all(scene and 1 < scene.pose.depth < 5.2 for scene in scenes)
 
 
+def test_report_says_how_good_the_sensor_is(cli: Any, plates: Path, tmp_path: Path) -> None:
+    code, shown, _ = cli("data", "report", plates, "--out", "sensor.html", "--json", "sensor.json")
+    assert code == 0
+    rows = rows_of(tmp_path / "sensor.json")
+    assert rows["pins found at rest", "all"]["value"] == 49
+    limit = rows["limit", "all"]["value"]
+    assert limit in shown
+    page = (tmp_path / "sensor.html").read_text()
+    assert limit in page
+    assert "<script" not in page
+
+
 def test_import_and_info_say_what_a_folder_holds(cli: Any, plates: Path, tmp_path: Path) -> None:
     shown = cli("data", "import", plates, "out")[1]
     assert "60 frames of 129x129 gray, labels without contacts" in shown
