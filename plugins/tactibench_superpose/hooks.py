@@ -34,5 +34,12 @@ def tactibench_models() -> Iterable[ModelSpec]:
             ),
             max_contacts=None,
             deterministic=True,
+            of_sites=ModelSpec(
+                name="superpose",
+                target="tactibench_superpose.sites:SuperposeSites",
+                summary="least squares of channel fields that add up",
+                answers=("sites",),
+                reads=("channels",),
+            ),
         )
     ]

@@ -7,6 +7,7 @@ are scored apart begin with the name of their test ("session:2", "session").
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -69,7 +70,8 @@ def f1(trials: SiteTrials, _rng: np.random.Generator) -> Rows:
             yield name, Estimate.nothing()
             continue
         values = value.mean() + linear.mean(axis=1)
-        yield name, mean_interval(values, trials.press[member], level=trials.level)
+        mean = mean_interval(values, trials.press[member], level=trials.level, floor=0.0)
+        yield name, mean if mean.high is None else replace(mean, high=min(mean.high, 1.0))
 
 
 def _mean(
