@@ -92,7 +92,7 @@ class PinsSites(SiteModel):
                         raw, targets[rows].expand_as(raw)
                     )
                     adam.zero_grad()
-                    loss.backward()
+                    loss.backward()  # type: ignore[no-untyped-call]
                     adam.step()
                     rates.step()
         arrays = {f"layer{k}": layer.detach().cpu().numpy() for k, layer in enumerate(layers)}

@@ -268,7 +268,9 @@ def import_folder(
     with terminal.task("import", len(recording)) as advance:
         dataset = read_into(recording, target, options, advance)
     known = sum(sample.scene is not None for sample in dataset.samples)
-    what = f"{known:,} with contacts" if known else "labels without contacts"
+    places = f"named places {', '.join(recording.sites)}"
+    unknown = places if recording.sites else "labels without contacts"
+    what = f"{known:,} with contacts" if known else unknown
     terminal.say(f"{target}: {len(dataset.samples):,} frames of {recording.kind}, {what}")
     if recording.light:
         terminal.say(f"  light: {recording.light}")
@@ -444,6 +446,8 @@ def _labels_report(recording: Recording, options: ImportOptions) -> LabelReport:
     from tactibench.datasets import LabelReport, cached_report
 
     scenes = recording.scenes
+    if recording.sites:
+        return LabelReport(0, ("named places have no coordinates to hold against the channels",))
     if not any(scenes):
         try:
             scenes, _ = recording.plate_scenes(options)

@@ -20,6 +20,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
+from string import ascii_uppercase
 from typing import Any
 
 import numpy as np
@@ -417,11 +418,12 @@ def read_labels(
         UserError: A column is missing, a cell is no number, or labels describe no scene that can
             be.
     """
-    others = {*others, *table.signals}
+    places = table.select(options.sites)
+    others = {*others, *table.signals} - {*places}
     if options.labels != AUTO:
         columns = table.select(options.labels)
     elif columns is None:
-        no_labels = {name, options.press, options.join, *others}
+        no_labels = {name, options.press, options.join, *others, *places}
         may_be = (column for column in table.columns if column not in no_labels)
         columns = [column for column in may_be if table.numeric_share(column) >= _MOSTLY_NUMBERS]
     indenter = choose_indenter(options, columns)
@@ -446,6 +448,9 @@ def read_labels(
         touching = zip(scenes, resting, strict=True)
         scenes = tuple(replace(s, pose=Pose(depth=0.0)) if rests else s for s, rests in touching)
     presses, note = read_presses(table, names, options, place_keys(scenes, labels))
+    array = options.sites in table.arrays  # its columns have no names of their own
+    sites = tuple(ascii_uppercase[: len(places)]) if array else places
+    labels |= {site: table.numbers(column) for site, column in zip(sites, places, strict=True)}
     forces: Sequence[Forces | None] = [None] * len(names)
     if scenes is not None and "force" in roles:
         newtons = signed_column(labels, roles["force"])
@@ -456,11 +461,12 @@ def read_labels(
         "scenes": tuple(None if scenes is None else scenes[row] for row in rows),
         "presses": tuple(presses[row] for row in rows),
         "forces": tuple(forces[row] for row in rows),
+        "sites": sites,
         "columns": {"name": name, **roles} if name else roles,
         "extra": {
             column: tuple(map(str, table.cells[column].iloc[list(rows)]))
             for column in table.columns
-            if column not in {*columns, *others, name}
+            if column not in {*columns, *others, *places, name}
         },
         "dome_radius_mm": None if indenter == NONE else options.surface_radius_mm,
         "notes": table.notes + note,

@@ -90,8 +90,13 @@ class ImportOptions:
     press: str = _option(
         "", "columns that frames of one press share, by commas; default: every frame is a press"
     )
+    sites: str = _option(
+        "", "columns, or an array, that say which named places are touched (1) or not (0)"
+    )
     channels: str = _option(
-        "", "file of the channels of a sensor without a camera; it may hold the labels, too"
+        "",
+        "file of the channels of a sensor without a camera; it may hold the labels, too; several "
+        "files, such as day*.mat, are a session each",
     )
     channel_columns: str = _option(
         "",
@@ -100,6 +105,11 @@ class ImportOptions:
     )
     before: str = _option(
         "", "channels before every press, which are subtracted: columns, an array, or a file"
+    )
+    change: str = _option(
+        "difference",
+        "what is kept of channels and those before; relative: the difference, divided by those",
+        choices=("difference", "relative"),
     )
     join: str = _option(
         "", "column of a time in s that labels and channels share; default: they share their rows"

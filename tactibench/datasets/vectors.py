@@ -6,7 +6,8 @@ Their rows belong together in order, or by a time that both have.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ from tactibench.png import read_file
 _SATURATED = 0.01
 """Share of the rows that may stand at a channel's largest or smallest value. A sensor that is not
 at its limit returns to one extreme number far more seldom."""
+_LEAST_REST = 0.05
+"""Least value, as a share of the median channel at rest, by which a change is divided."""
 
 
 def read_vectors(folder: Path, options: ImportOptions) -> Recording:
@@ -40,6 +43,8 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         UserError: A file is missing or damaged, the rows do not belong together, or a channel is
             no finite number. The sentence names file, row and column.
     """
+    if "*" in options.channels:
+        return _join_sessions(folder, options)
     channel_path = inside(folder, options.channels)
     table, data = read_label_table(folder, options)
     path = table.path
@@ -57,6 +62,8 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
                 "channels before every press, in the same order."
             )
         values = values - rest
+        if options.change == "relative":  # a channel near 0 would be all noise
+            values /= np.maximum(np.abs(rest), _LEAST_REST * np.median(np.abs(rest)))
         used |= columns
     times = _times(source, options)
     rows, partners = _join(table, values, times, channel_path, options)
@@ -80,6 +87,47 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         **facts,
         values=signals,
         signal_names=() if source.arrays else names,
+    )
+
+
+def _join_sessions(folder: Path, options: ImportOptions) -> Recording:
+    """Return the recording of several files of channels, each of which is a session.
+
+    Raises:
+        UserError: There is no such file, or the files have other channels or labels.
+    """
+    paths = sorted(path for path in folder.glob(options.channels) if path.is_file())
+    if not paths:
+        raise UserError(f"{folder} holds no file {options.channels}; name the files of channels.")
+    parts = [
+        read_vectors(folder, replace(options, channels=p.name, table=options.table or p.name))
+        for p in paths
+    ]
+    first = parts[0]
+    for part in parts:
+        if (part.stored, [*part.labels]) != (first.stored, [*first.labels]):
+            raise UserError(
+                f"{part.frames} has {part.stored} and labels {shown([*part.labels])}, but "
+                f"{first.frames.name} {first.stored} and {shown([*first.labels])}; import the "
+                "files one by one."
+            )
+
+    def named(texts: Callable[[Recording], Sequence[str]]) -> tuple[str, ...]:
+        return tuple(f"{part.frames.stem}/{text}" for part in parts for text in texts(part))
+
+    return replace(
+        first,
+        generation=", ".join(part.generation for part in parts),
+        names=named(lambda part: part.names),
+        presses=named(lambda part: part.presses),
+        labels={n: np.concatenate([part.labels[n] for part in parts]) for n in first.labels},
+        scenes=tuple(scene for part in parts for scene in part.scenes),
+        forces=tuple(force for part in parts for force in part.forces),
+        extra={n: tuple(t for part in parts for t in part.extra[n]) for n in first.extra},
+        values=np.concatenate([part.values for part in parts if part.values is not None]),
+        sha256=hashlib.sha256("".join(part.sha256 for part in parts).encode()).hexdigest(),
+        notes=named(lambda part: part.notes),
+        sessions=tuple(part.frames.stem for part in parts for _ in part.names),
     )
 
 

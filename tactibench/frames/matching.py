@@ -235,7 +235,9 @@ def served_protocols(recording: Recording, contradictions: Sequence[str] = ()) -
     services = []
     for name in sorted(protocol_files()):
         protocol = load_protocol(name).spec
-        if protocol.recorded is not None:
+        if protocol.sites is not None or recording.sites:
+            served, reason = _places(protocol, recording)
+        elif protocol.recorded is not None:
             served, reason = _plates(recording, scenes)
         else:
             pressed = protocol if workspace is None else in_range(protocol, workspace)
@@ -244,6 +246,16 @@ def served_protocols(recording: Recording, contradictions: Sequence[str] = ()) -
             served, reason = False, f"its frames contradict the labels: {contradictions[0]}"
         services.append(Service(name, protocol.title, served, reason))
     return services
+
+
+def _places(protocol: Protocol, recording: Recording) -> tuple[bool, str]:
+    """Return whether a recording serves a protocol where either is about named places, and why."""
+    if not recording.sites:
+        return False, "named places are not known: import with --param sites=COLUMNS"
+    places = f"{len(recording):,} trials of {len(recording.sites)} named places"
+    if protocol.sites is None:
+        return False, f"{places}, which have no coordinates"
+    return True, f"{places}, {max(1, len(set(recording.sessions)))} sessions"
 
 
 def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:

@@ -148,10 +148,11 @@ def _checked_answer(
             f"the model answered {type(answer).__name__} where {asked.__name__} is asked",
             source,
         )
-    # Contacts refuse other such numbers when they are made.
+    # Contacts and named places refuse other such numbers when they are made.
+    finite = True
     if isinstance(answer, PlatePose):
         finite = _is_finite(answer)
-    else:
+    elif isinstance(answer, Contacts):
         finite = answer.knows_depth or not rules.depth
     if not finite:
         raise NotFinitePredictionError(

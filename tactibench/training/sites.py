@@ -103,7 +103,7 @@ class SiteTrials:
             sums.append(mixed[None])
             sets.append((wanted & ~left)[None])
             sessions.append(np.array([session]))
-        return SiteTrials(*map(np.concatenate, (sums, sets, sessions)))
+        return SiteTrials(np.concatenate(sums), np.concatenate(sets), np.concatenate(sessions))
 
 
 class SiteModel(Model):

@@ -14,6 +14,7 @@ from tactibench import UserError
 from tactibench.datasets import Writer
 from tactibench.frames import FrameSet
 from tactibench.plugins import PluginHost
+from tactibench.records import Record
 from tactibench.run import NullReporter, RunPlan, RunRequest, execute, make_plan, rescore
 
 TRIALS = 2 * (4 * 8 + 11 * 4)
@@ -84,6 +85,32 @@ def test_a_run_is_scored_by_number_of_places(
         assert list(rows) == ["2", "3", "4", "all"]
         assert rows["all"].value == 0.0
     assert rescore(run).metrics == run.record.metrics
+
+
+def trained(planned: Any, patch: pytest.MonkeyPatch, model: str, **values: str) -> Record:
+    time_briefly(patch.setattr)
+    return execute(planned(model, parameters={"model": values}), NullReporter()).record
+
+
+@pytest.mark.parametrize(
+    ("model", "mixed"),
+    [("kernel", True), ("superpose", False), pytest.param("pins", True, marks=pytest.mark.long)],
+)
+def test_several_places_are_learned_from_trials_of_one(
+    planned: Any, monkeypatch: pytest.MonkeyPatch, model: str, mixed: bool
+) -> None:
+    record = trained(planned, monkeypatch, model)
+    assert record.metric("exact", "all").value > 0.8
+    assert record.training.prior == "plain addition"
+    assert (record.training.notes["mixed"] > 0) is mixed
+
+
+def test_a_model_without_mixing_learns_from_its_trials_alone(
+    planned: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = trained(planned, monkeypatch, "kernel", mixing="no")
+    assert record.training.notes == {"trials": 64, "mixed": 0}
+    assert record.training.prior == "none"
 
 
 def test_a_quick_run_and_a_shorter_one_are_possible(planned: Any) -> None:
