@@ -418,12 +418,12 @@ def read_labels(
         UserError: A column is missing, a cell is no number, or labels describe no scene that can
             be.
     """
-    places = table.select(options.sites)
-    others = {*others, *table.signals} - {*places}
+    flags = table.select(options.sites)
+    others = {*others, *table.signals} - {*flags}
     if options.labels != AUTO:
         columns = table.select(options.labels)
     elif columns is None:
-        no_labels = {name, options.press, options.join, *others, *places}
+        no_labels = {name, options.press, options.join, *others, *flags}
         may_be = (column for column in table.columns if column not in no_labels)
         columns = [column for column in may_be if table.numeric_share(column) >= _MOSTLY_NUMBERS]
     indenter = choose_indenter(options, columns)
@@ -449,8 +449,8 @@ def read_labels(
         scenes = tuple(replace(s, pose=Pose(depth=0.0)) if rests else s for s, rests in touching)
     presses, note = read_presses(table, names, options, place_keys(scenes, labels))
     array = options.sites in table.arrays  # its columns have no names of their own
-    sites = tuple(ascii_uppercase[: len(places)]) if array else places
-    labels |= {site: table.numbers(column) for site, column in zip(sites, places, strict=True)}
+    sites = tuple(ascii_uppercase[: len(flags)]) if array else flags
+    labels |= {site: table.numbers(column) for site, column in zip(sites, flags, strict=True)}
     forces: Sequence[Forces | None] = [None] * len(names)
     if scenes is not None and "force" in roles:
         newtons = signed_column(labels, roles["force"])
@@ -466,7 +466,7 @@ def read_labels(
         "extra": {
             column: tuple(map(str, table.cells[column].iloc[list(rows)]))
             for column in table.columns
-            if column not in {*columns, *others, *places, name}
+            if column not in {*columns, *others, *flags, name}
         },
         "dome_radius_mm": None if indenter == NONE else options.surface_radius_mm,
         "notes": table.notes + note,
