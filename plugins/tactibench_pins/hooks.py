@@ -39,7 +39,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
         ModelSpec(
             name="pins",
             target="tactibench_pins.model:Pins",
-            summary="averaged networks over pins or channels: a contact, none, or a plate pose",
+            summary="networks over pins or the field of channels: a contact, none, or a plate pose",
             parameters=(
                 Parameter("members", 4, "networks whose answers are averaged", low=1, high=32),
                 Parameter("width", 256, "units of a layer", low=8, high=1024),

@@ -2,37 +2,34 @@
 
 Several dense networks in one: all members take a batch in one product a layer.
 
-Further training presses of a sensor of channels, made from the presses that there are.
-
-A skin is pressed at few places, and its channels depend smoothly on place and depth. A Gaussian
-process learns this dependence f from the training presses. Press i is then moved from its targets
-y_i to others nearby,
-
-    c = f(y) + e_i,    e_i = c_i - f_i(y_i),
-
-where f_i is learned without press i and without the others at its place. So the networks see places
-between those of the training, with the errors of real presses: the skin yields differently from
-press to press, which changes several channels together. Noise of every channel alone leaves that
-out.
+Channels of a skin are read by the field that they follow, see ``field``.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise, product
-from typing import Any, Self, cast
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from scipy.linalg import cho_factor, cho_solve
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench import Answer, Frame, ModelContext, Stage
-from tactibench.superposition import matern
+from tactibench import (
+    Answer,
+    FitReport,
+    Frame,
+    ModelContext,
+    Progress,
+    Stage,
+    UserError,
+    holds_channels,
+)
 from tactibench.training import (
     ANSWER_WIDTH,
     Examples,
@@ -43,7 +40,6 @@ from tactibench.training import (
     regression_rows,
 )
 from tactibench_pins.displacements import (
-    FAINT,
     LATTICE,
     Channels,
     Components,
@@ -54,19 +50,15 @@ from tactibench_pins.displacements import (
     displacements,
     find_reader,
     known_targets,
+    polar,
     read_answers,
     restored_reader,
 )
+from tactibench_pins.field import FEWEST, MOST, SHRINKAGES, ForwardModel, Inversion
 
 _LAST = 0.1
 """Factor on the usual size of the last layer's first weights, so that answers start near the
 mean."""
-
-
-def torch_polar(moved: torch.Tensor) -> torch.Tensor:
-    """Return ``polar`` of a tensor (..., C)."""
-    size = moved.square().mean(dim=-1, keepdim=True).sqrt().clamp_min(FAINT)
-    return torch.cat([moved / size, 2 * size.log()], dim=-1)
 
 
 class Members(nn.Module):
@@ -83,20 +75,16 @@ class Members(nn.Module):
     noise: torch.Tensor
     differences: torch.Tensor
 
-    def __init__(self, size: int, sizes: Sequence[int], members: int, polar: bool = False) -> None:
+    def __init__(self, size: int, sizes: Sequence[int], members: int) -> None:
         """Make ``members`` networks.
 
         Args:
             size: Numbers of a frame, 2 P.
             sizes: K, units of the hidden layers, T.
             members: M.
-            polar: Whether vectors are taken as direction and size.
         """
         super().__init__()
         self.members = members
-        self.polar = polar
-        self.channel_noise = 0.0
-        size += polar
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("basis", torch.zeros(size, sizes[0]))
         self.register_buffer("noise", torch.zeros(sizes[0]))
@@ -122,10 +110,7 @@ class Members(nn.Module):
         count = len(components)  # frames that hardly differ have fewer than K
         self.mean.copy_(torch.from_numpy(components.mean))
         self.basis[:, :count] = torch.from_numpy(components.basis).float() * weights
-        if self.polar:  # channels are noisy, not their directions
-            self.channel_noise = noise
-        else:
-            self.noise[:count] = noise * weights
+        self.noise[:count] = noise * weights
 
     @torch.no_grad()
     def show_differences(self, differences: Differences) -> None:
@@ -142,13 +127,7 @@ class Members(nn.Module):
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
         """Return the last hidden layer (M, B, U) of every member."""
-        if self.polar:
-            vectors = moved.expand(self.members, -1, -1)
-            if self.training:
-                vectors = vectors + self.channel_noise * torch.randn_like(vectors)
-            hidden = (torch_polar(vectors) - self.mean) @ self.basis
-        else:
-            hidden = ((moved - self.mean) @ self.basis).expand(self.members, -1, -1)
+        hidden = ((moved - self.mean) @ self.basis).expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)
             if len(self.differences):
@@ -164,147 +143,7 @@ class Members(nn.Module):
 
 Array = npt.NDArray[np.float64]
 
-COPIES = 8
-"""Moved presses for each press. With 16 the training takes twice as long, and the error on a fifth
-of the training places of eFlesh is 3 % less."""
-REACH = 0.5
-"""Most that a press is moved along each target, in the target's deviation over the presses.
-A quarter, or any place of the range, is worse on a fifth of the training places of eFlesh; 0.8 is
-as good."""
-_MOST = 4000
-"""Most presses that are learned from. The time grows with the third power of their number and is
-seconds for this many."""
-_SAMPLE = 1600
-"""Most presses on which lengths and noise are chosen; fewer lie farther apart and favour more
-noise."""
-_LENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0)
-"""Lengths of the kernel to try, in a target's deviation."""
-_NOISES = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1)
-"""Variances of the noise to try, as shares of the variance of f."""
-_ROUNDS = 2
-"""Passes over lengths and noise, each tried at the best of the others."""
-_KERNEL_ROWS = 1000
-
-
-@dataclass(frozen=True, eq=False)
-class ForwardModel:
-    """Gaussian process from T targets to C channels, with a Matern kernel of order 5/2.
-
-    Attributes:
-        targets: (N, T) targets of the presses, each divided by its length.
-        lengths: (T,) lengths of the kernel.
-        alpha: (N, C) weights of the presses.
-        mean: (C,) mean channels.
-        residuals: (N, C) channels less those predicted from the presses at other places.
-    """
-
-    targets: Array
-    lengths: Array
-    alpha: Array
-    mean: Array
-    residuals: Array
-
-    @classmethod
-    def fit(cls, targets: Array, moved: Array, places: npt.NDArray[np.intp]) -> Self:
-        """Return the process that is fitted to presses.
-
-        Args:
-            targets: (N, T) targets.
-            moved: (N, C) channels.
-            places: (N,) number of the place of every press.
-        """
-        mean = moved.mean(axis=0)
-        step = -(-len(moved) // _SAMPLE)
-        lengths, noise = _choose_kernel(targets[::step], (moved - mean)[::step])
-        scaled = targets / lengths
-        inverse = cho_solve(_factor(scaled, noise), np.eye(len(scaled)))
-        alpha = inverse @ (moved - mean)
-        residuals = np.empty_like(moved)
-        for place in np.unique(places):
-            # Rasmussen and Williams 2006, eq. 5.12, for several presses at once.
-            rows = np.flatnonzero(places == place)
-            residuals[rows] = np.linalg.solve(inverse[np.ix_(rows, rows)], alpha[rows])
-        return cls(scaled, lengths, alpha, mean, residuals)
-
-    def __call__(self, targets: Array) -> Array:
-        """Return the channels (M, C) of targets (M, T)."""
-        starts = range(0, len(targets), _KERNEL_ROWS)  # a kernel of all rows would fill the memory
-        rows = (targets[start : start + _KERNEL_ROWS] / self.lengths for start in starts)
-        return (
-            np.concatenate([matern(row, self.targets, length=1.0) @ self.alpha for row in rows])
-            + self.mean
-        )
-
-
-def move_presses(targets: Array, moved: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return targets and channels of COPIES moved presses for each one.
-
-    Args:
-        targets: (N, T) targets in deviations; a moved press stays within their range.
-        moved: (N, C) channels.
-        rng: Generator that draws the moves.
-    """
-    if len(targets) > _MOST:
-        rows = np.sort(rng.permutation(len(targets))[:_MOST])
-        targets, moved = targets[rows], moved[rows]
-    # The first two targets of a contact are its place; presses of one place err alike. A plate has
-    # no further targets, so that each of its presses is left out alone.
-    _, places = np.unique(targets[:, :2], axis=0, return_inverse=True)
-    forward = ForwardModel.fit(targets, moved, places.reshape(-1))
-    low, high = targets.min(axis=0), targets.max(axis=0)
-    new_targets, new_moved = [], []
-    for _ in range(COPIES):
-        nearby = targets + rng.uniform(-REACH, REACH, targets.shape)
-        nearby = np.where(nearby < low, 2 * low - nearby, nearby)
-        nearby = np.where(nearby > high, 2 * high - nearby, nearby).clip(low, high)
-        new_targets.append(nearby)
-        new_moved.append(forward(nearby) + forward.residuals)
-    return np.concatenate(new_targets), np.concatenate(new_moved)
-
-
-def _choose_kernel(targets: Array, moved: Array) -> tuple[Array, float]:
-    """Return lengths (T,) and noise of the greatest marginal likelihood.
-
-    Args:
-        targets: (N, T) targets in deviations.
-        moved: (N, C) channels less their mean.
-    """
-    count = targets.shape[1]
-    lengths = [_LENGTHS if np.ptp(column) > 0 else (1.0,) for column in targets.T]
-    choices = [*lengths, _NOISES]
-    best = np.array([1.0] * count + [1e-3])
-    least = np.inf
-    for _, (number, values) in product(range(_ROUNDS), enumerate(choices)):
-        for value in values:
-            candidate = best.copy()
-            candidate[number] = value
-            loss = _unlikelihood(targets / candidate[:-1], moved, candidate[-1])
-            if loss < least:
-                least, best = loss, candidate
-    return best[:-1], float(best[-1])
-
-
-def _unlikelihood(targets: Array, moved: Array, noise: float) -> float:
-    """Return -2 / C times the log likelihood with the best variance of f, up to a constant.
-
-    Rasmussen and Williams 2006, eq. 2.30, for C channels of one kernel.
-    """
-    factor = _factor(targets, noise)
-    variance = float(np.mean(moved * cho_solve(factor, moved)))
-    determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
-    return len(moved) * math.log(max(variance, 1e-300)) + determinant
-
-
-def _factor(targets: Array, noise: float) -> tuple[Array, bool]:
-    gram = matern(targets, targets, length=1.0)
-    gram[np.diag_indices(len(gram))] += noise
-    factor: tuple[Array, bool] = cho_factor(gram, lower=True, overwrite_a=True)
-    return factor
-
-
 RECIPE = Recipe(epochs=300, batch=128, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2)
-CHANNELS = replace(RECIPE, epochs=33)
-"""Fewer epochs for channels: with the moved presses an epoch has nine times as many frames."""
 _COMPONENTS = 40
 """Components of the displacements; further ones hold less than the pins' noise on real frames."""
 _WHITENING = 0.5
@@ -316,6 +155,12 @@ _SHARED = 12
 """Components for transfer to other sensors; the next ones differ more between two sensors of one
 make than between two presses."""
 _BATCH = 32
+_HELD_OUT = 400
+"""Most frames on which the form of a field is chosen."""
+_PLACE = 2
+"""Targets of a place: x and y."""
+_SAME = 1e-6
+"""Range of a target, in deviations, below which it never changes."""
 
 
 class Pins(LearnedModel):
@@ -323,7 +168,8 @@ class Pins(LearnedModel):
 
     A pin that was not seen stands where its neighbours say. The median is learned (the loss is the
     absolute error of the targets in standard deviations) by several networks, which differ in their
-    first weights and in the noise that they are shown; the answer is their mean.
+    first weights and in the noise that they are shown; the answer is their mean. Of channels the
+    field is inverted that they follow.
     """
 
     name = "pins"
@@ -344,21 +190,22 @@ class Pins(LearnedModel):
         }
         recipe = TRANSFER if context.transfers else RECIPE
         super().__init__(context, recipe.with_choices(epochs, precision), architecture)
-        self._recipe_of_channels = CHANNELS.with_choices(epochs, precision)
         self._reader: Reader | None = None
         self._correction: Correction | None = None
         self._size, self._components = 2, 1
+        self._varying: list[int] = []
+        self._polar = False
         self._threshold = 0.0
         count = ANSWER_WIDTH[context.answer]
         self._scale = Normalisation(np.zeros(count), np.ones(count))
 
-    def build(self) -> Members:
+    def build(self) -> Members | Inversion:
+        if isinstance(self._reader, Channels):
+            return Inversion(self._size, self._varying, len(self._scale.mean), polar=self._polar)
         shape = self.architecture
         hidden = [shape["width"]] * _LAYERS
         sizes = [self._components, *hidden, len(self._scale.mean)]
-        return Members(
-            self._size, sizes, shape["members"], self._reader is not None and self._reader.polar
-        )
+        return Members(self._size, sizes, shape["members"])
 
     def usable_rows(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
         return regression_rows(truth, self.context.answer, self.name)
@@ -368,31 +215,69 @@ class Pins(LearnedModel):
         self._scale = Normalisation.of(targets)
         self._reader = find_reader(frames, targets, self.context.transfers)
         self._size = self._reader.size
-        if isinstance(self._reader, Channels):
-            self.recipe = self._recipe_of_channels
         most = _SHARED if self.context.transfers else _COMPONENTS
-        self._components = min(most, self._size + self._reader.polar, max(1, len(frames) - 1))
+        self._components = min(most, self._size, max(1, len(frames) - 1))
 
-    def examples(
-        self, frames: Sequence[Frame], truth: Sequence[Answer], rng: np.random.Generator
-    ) -> Examples:
-        """Return the frames and, for channels, presses that are moved from them."""
-        examples = super().examples(frames, truth, rng)
-        if not isinstance(self._reader, Channels):
-            return examples
-        targets, moved = move_presses(
-            examples.targets.double().numpy(), examples.images.double().numpy(), rng
-        )
-        return Examples(
-            torch.cat([examples.images, torch.from_numpy(moved).float()]),
-            torch.cat([examples.targets, torch.from_numpy(targets).float()]),
-        )
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Train the networks, or learn the field of channels.
+
+        Raises:
+            UserError: There is no frame that the model can learn from, or the loss is not finite.
+        """
+        if not holds_channels(frames):
+            return super().fit(frames, truth, validation=validation, rng=rng, progress=progress)
+        began, count = time.perf_counter(), len(frames)
+        frames, truth = self._usable(frames, truth)
+        if len(frames) < FEWEST:
+            raise UserError(
+                f"model {self.name!r} was given {len(frames)} training frames with a contact, but "
+                f"needs {FEWEST} to learn how channels depend on it; raise the training count."
+            )
+        self.prepare(frames, truth)
+        moved = displacements(self._reader, frames, self.name)
+        targets = self._scale.apply(self._vectors(truth))
+        self._varying = np.flatnonzero(np.ptp(targets, axis=0) > _SAME).tolist()
+        if not self._varying:
+            raise UserError(
+                "all training presses have one label, so that there is nothing to learn; import "
+                "the columns that change."
+            )
+        self._threshold = contact_threshold(moved, self.context.answer)
+        rows = np.sort(rng.permutation(len(moved))[:MOST])
+        held_out, held_out_truth = self._usable(*validation)
+        step = -(-len(held_out) // _HELD_OUT) or 1
+        held_out, held_out_truth = held_out[::step], held_out_truth[::step]
+        wanted = self._scale.apply(self._vectors(held_out_truth))
+        found: list[tuple[float, nn.Module]] = []
+        # Where only the place varies, so do the numbers of a vector; a size adds nothing.
+        for as_polar in (False, True) if len(self._varying) > _PLACE else (False,):
+            seen = polar(moved[rows]) if as_polar else moved[rows]
+            forward = ForwardModel.fit(targets[rows][:, self._varying], seen)
+            for shrinkage in SHRINKAGES if held_out else SHRINKAGES[:1]:
+                self._polar = as_polar
+                network = cast("Inversion", self._use(self.build()))
+                network.tabulate(forward, shrinkage)
+                answers = self._scale.apply(self.evaluate(held_out)[:, :-1]) if held_out else wanted
+                found.append((float(np.abs(answers - wanted).sum()), network))
+        best = cast("Inversion", min(found, key=lambda each: each[0])[1])
+        self._polar = best.polar
+        self._use(best)
+        notes = {"without_contact": count - len(frames), "polar": best.polar}
+        return FitReport(seconds=time.perf_counter() - began, notes=notes, prior="none")
 
     def initialise(self, network: Members, training: Examples) -> None:
         moved = training.images.double().numpy()
         self._threshold = contact_threshold(moved, self.context.answer)
         assert self._reader is not None  # noqa: S101 - ``prepare`` came before
-        components = Components.fit(moved, self._components, as_polar=self._reader.polar)
+        components = Components.fit(moved, self._components)
         network.initialise(components, _WHITENING, self._reader.noise)
         if self.context.transfers:
             network.show_differences(Differences.on(LATTICE))
@@ -422,17 +307,22 @@ class Pins(LearnedModel):
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
         """Fit a correction of the answers to labelled frames of another sensor (``Correction``).
 
-        Frames that cannot be learned from are left out; where none is left, the answers are those
-        of the trained model.
+        Of channels the field itself is corrected. Frames that cannot be learned from are left out;
+        where none is left, the answers are those of the trained model.
 
         Returns:
-            Number of frames and ridge of every target, for the record.
+            Number of frames, and ridge of every target or what the field lacks, for the record.
         """
-        self._correction = None
+        self._correction = self._folded = None
         rows = self.usable_rows(truth)
         if not len(rows):
             return {"frames": 0}
         targets = self._scale.apply(self._vectors(truth)[rows])
+        if isinstance(self.network, Inversion):
+            moved = displacements(self._reader, [frames[row] for row in rows], self.name)
+            folded, chosen = self.network.adapted(targets[:, self._varying], moved)
+            self._folded = folded
+            return {"frames": len(rows), **chosen}
         features, raw, _ = self._features([frames[row] for row in rows])
         self._correction = Correction.fit(features, targets - raw)
         return {"frames": len(rows), "ridge": list(self._correction.ridges)}
@@ -467,6 +357,8 @@ class Pins(LearnedModel):
         return {
             **({"rest": None} if self._reader is None else self._reader.saved()),
             "components": self._components,
+            "varying": self._varying,
+            "polar": self._polar,
             "scale": self._scale.to_json(),
             "least": self._threshold,
         }
@@ -475,5 +367,6 @@ class Pins(LearnedModel):
         self._reader = restored_reader(extra)
         self._size = 2 if self._reader is None else self._reader.size
         self._components = extra["components"]
+        self._varying, self._polar = extra["varying"], extra["polar"]
         self._scale = Normalisation.from_json(extra["scale"])
         self._threshold = extra["least"]

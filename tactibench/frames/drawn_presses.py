@@ -14,6 +14,7 @@ from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.frames.cache import GeneratedFrameSet
 from tactibench.frames.source import (
+    FEW_SHOT,
     QUICK_FIT,
     QUICK_VALIDATION,
     FramePlan,
@@ -53,8 +54,6 @@ FIRST_INSTANCE = 100
 REFERENCE_PART = 4
 """Number of the part of a draw, whose frames have noise of their own: not used by
 ``protocols.split``."""
-FEW_SHOT = "shots"
-"""Name of the labelled presses of the tested sensor."""
 
 
 @dataclass(frozen=True)

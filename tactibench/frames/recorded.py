@@ -16,6 +16,7 @@ from tactibench.errors import UserError
 from tactibench.frames.matching import Match, describe_lacking, describe_range, match
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
+    FEW_SHOT,
     QUICK_FIT,
     QUICK_VALIDATION,
     Advance,
@@ -34,6 +35,7 @@ from tactibench.protocols import (
     LoadedProtocol,
     PressSplit,
     Protocol,
+    permutation,
     pressable,
     split_recorded,
 )
@@ -230,27 +232,33 @@ class RecordedFrames(FrameSource):
 class MatchedFrames(FrameSource):
     """The presses of a recording that a protocol could have drawn.
 
+    With another recording to test on, the test presses and labelled presses are those of that
+    recording, divided alike: presses of one name, such as one place, never train and test.
+
     Raises:
-        UserError: The recording lacks presses of a draw to train, validate or test on.
+        UserError: A recording lacks presses of a draw to train, validate or test on, or labelled
+            presses that were asked for.
     """
 
     def __init__(self, request: FrameRequest) -> None:
         super().__init__(request)
         assert self.spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
         self.split = self.spec.split
-        self.recording = Recording.open(self.spec, request.sensor, request.data)
-        pressed = pressable(self.spec, self.recording.sensor)
-        recording = self.recording
-        self.match = match(
-            pressed,
-            self.split,
-            request.regime,
-            recording.scenes,
-            recording.presses,
-            recording.parts,
-        )
-        if self.match.lacking:
-            raise UserError(_lacking(request.data, pressed, recording, self.match))
+        self.recording, self.match = self._matched(request.sensor, request.data)
+        self.tested, self.test_match = self.recording, self.match
+        if request.test_data is not None:
+            self.tested, self.test_match = self._matched(request.tested, request.test_data)
+
+    def _matched(
+        self, sensor: BoundSpec[SensorSpec], folder: Path | None
+    ) -> tuple[Recording, Match]:
+        recording = Recording.open(self.spec, sensor, folder)
+        pressed = pressable(self.spec, recording.sensor)
+        regime, scenes, presses = self.request.regime, recording.scenes, recording.presses
+        matched = match(pressed, self.split, regime, scenes, presses, recording.parts)
+        if matched.lacking:
+            raise UserError(_lacking(folder, pressed, recording, matched))
+        return recording, matched
 
     def plan(self) -> FramePlan:
         """Return the matching presses of every role."""
@@ -267,19 +275,31 @@ class MatchedFrames(FrameSource):
             fit=tuple(self.recording.frame_set("fit", *item) for item in fit.items()),
             validation=(self.recording.frame_set("validation", draw, validation),),
             test=self.test_frames(),
-            rejected=self.match.left_out,
+            few_shot=self._labelled_frames() if request.shots else None,
+            rejected=self.test_match.left_out,
             sensor_identity=self.recording.identity,
-            signals=(self.recording.sensor.signal,),
+            test_identity=None if request.test_data is None else self.tested.identity,
+            signals=(self.recording.sensor.signal, self.tested.sensor.signal),
             workspace=self.recording.sensor.workspace,
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:
         """Return the matching test presses, or as many as the request asks for."""
-        rows = spread_over_sets(self.match.test, self.request.test_count)
+        rows = spread_over_sets(self.test_match.test, self.request.test_count)
         return tuple(
-            self.recording.frame_set("test", name, chosen, partial(group_of, self.spec, name))
+            self.tested.frame_set("test", name, chosen, partial(group_of, self.spec, name))
             for name, chosen in rows.items()
         )
+
+    def _labelled_frames(self) -> FrameSet:
+        pool, count = self.test_match.fit[self.split.draw], self.request.shots
+        if count > len(pool):
+            raise UserError(
+                f"{self.request.test_data} has {len(pool):,} frames that are not tested on, but "
+                f"--test shots={count} asks for more; ask for fewer."
+            )
+        order = permutation(len(pool), self.spec.data_seed)[:count]
+        return self.tested.frame_set("few-shot", FEW_SHOT, [pool[row] for row in order.tolist()])
 
 
 def recorded_source(request: FrameRequest) -> FrameSource:

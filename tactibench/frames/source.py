@@ -25,6 +25,8 @@ from tactibench.records import BoundSpec, combined
 if TYPE_CHECKING:
     from tactibench.protocols import HiddenSeed
 
+FEW_SHOT = "shots"
+"""Name of the set of labelled frames of the tested sensor."""
 QUICK_FIT, QUICK_VALIDATION, QUICK_TEST = 200, 40, 40
 """Presses of a ``--quick`` run: it proves the path in under a minute, nothing else."""
 

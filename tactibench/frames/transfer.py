@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from tactibench.errors import UserError
-from tactibench.frames.drawn_presses import FEW_SHOT, SensorFrames
+from tactibench.frames.drawn_presses import SensorFrames
 from tactibench.frames.recorded import Recording, Sets, divide, training_sets
 from tactibench.frames.source import (
+    FEW_SHOT,
     QUICK_FIT,
     QUICK_VALIDATION,
     FramePlan,

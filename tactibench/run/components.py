@@ -152,9 +152,9 @@ def resolve_test_sensor(
     """
     references = {spec.reference_of: spec.name for spec in host.sensors if spec.reference_of}
     _refuse(_test_misfits(options, protocol, sensor, references))
-    if protocol.transfer is not None:
+    if protocol.transfer is not None or options.data is not None:
         data_folder(options.data, "--test data=FOLDER")
-        name = protocol.defaults.sensor
+        name = sensor.name if protocol.transfer is None else protocol.defaults.sensor
         target: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
         return target
     if not options:
@@ -333,12 +333,15 @@ def _test_misfits(
             f"sensor {sensor.name!r} has nothing but {sensor.spec.scenes} to be tested on; use "
             f"--sensor {of} --test {REFERENCE}."
         )
-    if options.data is not None:
+    read = sensor.spec.needs_data
+    if options.data is not None and not (read and protocol.split):
         yield (
-            "--test data=FOLDER is for protocols that test on another sensor than they train on, "
-            "such as transfer; name the folder of this one with --data."
+            f"--test data=FOLDER tests on another recording than --data, which {asks} cannot; of "
+            "plates take protocol transfer, of a simulated sensor leave it out."
         )
-    if options and sensor.spec.needs_data:
+    if (options.reference or options.hidden) and options.data is not None:
+        yield f"--test data=FOLDER tests on a recording; leave {hidden} out."
+    if options and read and options.data is None:
         yield (
             f"sensor {sensor.name!r} has the frames of its folder and can press no others; leave "
             f"{hidden} out."

@@ -26,14 +26,18 @@ REST = 5.0
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with x, y and force of a skin of nine channels."""
-    rng = np.random.default_rng(5)
+    return press(tmp_path_factory.mktemp("skin") / "lab", seed=5, rest=REST)
+
+
+def press(where: Path, seed: int, rest: float) -> Path:
+    """Write a session of the skin, whose channels have a value at rest."""
+    rng = np.random.default_rng(seed)
     xy = rng.uniform(-SIDE, SIDE, (COUNT, 2))
     force = rng.uniform(0.5, 4.0, COUNT)
     force[rng.permutation(COUNT)[:RESTING]] = 0.0
     apart = np.linalg.norm(xy[:, None] - SENSORS, axis=2)
-    channels = REST + force[:, None] * np.exp(-((apart / 30) ** 2))
+    channels = rest + force[:, None] * np.exp(-((apart / 30) ** 2))
     channels += rng.normal(0, 0.003, channels.shape)
-    where = tmp_path_factory.mktemp("skin") / "lab"
     where.mkdir()
     rows = np.column_stack([xy + 50, force])
     np.savetxt(where / "labels.csv", rows, delimiter=",", header="px,py,load", comments="")
@@ -140,6 +144,38 @@ def test_every_model_of_channels_answers_what_is_known(
     assert done.record.metric("mae_mm", "z").value is None
     assert done.record.metric("mae_mm", "x").value is not None
     assert done.record.metric("force_mae_n", "all").value is not None
+
+
+@pytest.mark.parametrize("shots", [0, 30])
+def test_another_session_is_tested_on(
+    shots: int, folder: Path, skin: Dataset, tmp_path: Path
+) -> None:
+    later = press(tmp_path / "later", seed=6, rest=REST + 0.7)
+    options = read_options([*OPTIONS, "force=load"])
+    session = import_folder(later, tmp_path / "set", options)
+    test = (f"data={session.folder}", *([f"shots={shots}"] if shots else []))
+    made = api.plan("exp1", "pins", data=skin.folder, test=test, store=tmp_path, quick=True)
+    (tested,), shown = made.frames.test, made.frames.few_shot
+    assert len({pose_of(scene) for scene in tested.scenes} & scenes_of(session)) == 40
+    assert (0 if shown is None else len(shown.scenes)) == shots
+    assert not set(() if shown is None else shown.clusters) & set(tested.clusters)
+    done = execute(made, NullReporter(), timed=False)
+    # Each session is zeroed by its own rest; 0.7 would be a third of a press.
+    assert done.record.metric("mae_mm", "mean").value < 3.0
+    assert done.record.test_sensor.description == f"recording {tmp_path.name}/set"
+
+
+def pose_of(scene: Scene) -> tuple[float, float]:
+    return scene.pose.x, scene.pose.y
+
+
+def scenes_of(dataset: Dataset) -> set[tuple[float, float]]:
+    return {pose_of(sample.scene) for sample in dataset.samples if sample.scene is not None}
+
+
+def test_a_simulated_sensor_is_not_tested_on_a_recording(skin: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="tests on another recording than --data"):
+        api.plan("exp1", "kernel", test=(f"data={skin.folder}",), store=tmp_path)
 
 
 def test_a_ranking_by_depth_is_refused_before_any_work(skin: Dataset, tmp_path: Path) -> None:
