@@ -71,6 +71,9 @@ _DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
 _STEEPEST_DEG = 60.0
 """Steepest tilt: a plate that is tilted further presses with its edge, or the label is the angle of
 a robot's tool that hangs down (180 deg)."""
+_STILL_MM, _STILL = 0.05, 0.01
+"""A label that changes by no more, in mm or deg and as a share of its size, never changes: robots
+come back to a few um. In metres all of a recording is small, and its share is not."""
 _UNRESTED = "no rest frame: pins are followed from the least pressed frame"
 _UNKNOWN = "no rest frame, and no depth that says which frame is least pressed: not checked"
 _NOTHING = "all labels are the same in all presses: name the columns that change"
@@ -135,7 +138,8 @@ def _check_plates(
         turn = math.degrees(1) if options.angles == "rad" else 1.0
         tilt = signed_column(labels, columns["tilt"], turn)
         wrong += _wrong_plates(depth, tilt)
-        if not wrong and (not np.ptp(depth) or not np.ptp(tilt) or recording.rest_image() is None):
+        rested = recording.rest_image() is not None
+        if not wrong and not (rested and changes(depth) and changes(tilt)):
             return _check_unfitted(recording, depth, tilt, advance)
         fit = fit_recording(recording, options, advance, most=MOST)
     except UserError as error:
@@ -157,7 +161,7 @@ def _check_plates(
 
 def _wrong_plates(depth: FloatArray, tilt: FloatArray) -> list[str]:
     """Return which labels of plates no plate can have, or that none changes."""
-    if np.ptp(depth) == np.ptp(tilt) == 0:
+    if not changes(depth) and not changes(tilt):
         return [_NOTHING]
     wrong = []
     if np.ptp(depth) > _DEEPEST_MM:
@@ -181,11 +185,11 @@ def _check_unfitted(
     least = int(rows[np.argmin(depth[rows])])
     _, spread, middle = follow_spreads(recording, rows, advance, least)
     rested = recording.rest_image() is not None
-    if not rested and not np.ptp(depth):
+    if not rested and not changes(depth):
         return LabelReport(0, (_UNKNOWN,))
     facts = [] if rested else [_UNRESTED]
     wrong = _unfollowed(spread, depth[rows], "pins", facts, rested=rested)
-    if not np.ptp(tilt):
+    if not changes(tilt):
         facts.append("the tilt is the same in all presses: not checked")
     else:
         _, following = direction_of(middle[rows != least], tilt[rows != least])
@@ -210,7 +214,7 @@ def _unfollowed(
         facts: List to which findings are added.
         rested: Whether movement was measured from a rest frame.
     """
-    if len(depth) < 3 or not np.ptp(depth) > 0:
+    if len(depth) < 3 or not changes(depth):
         known = "not known" if np.isnan(depth).any() else "the same in all presses that touch"
         facts.append(f"the depth is {known}: not checked")
         return []
@@ -241,7 +245,7 @@ def _check_tips(
         np.array([math.nan if pose is None else getattr(pose, name) for pose in poses])
         for name in ("x", "y", "depth")
     )
-    if not np.ptp(np.column_stack([x, y, np.nan_to_num(depth)])[singles], axis=0).any():
+    if not any(changes(label[singles]) for label in (x, y, depth)):
         return LabelReport(0, (), (_NOTHING,))
     wrong = _wrong_units(x[singles], y[singles], depth[singles])
     facts: list[str] = []
@@ -250,7 +254,7 @@ def _check_tips(
     middle = None
     rested = channels or recording.rest_image() is not None
     if not rested:
-        if not np.ptp(depth[singles]) > 0:
+        if not changes(depth[singles]):
             return LabelReport(0, (_UNKNOWN,), tuple(wrong))
         facts.append(_UNRESTED)
     try:
@@ -273,6 +277,11 @@ def _check_tips(
         presses = np.array(recording.presses)[rows]
         wrong += _unlike(_deviations(recording, rows), places, presses, facts)
     return LabelReport(len(rows), tuple(facts), tuple(wrong))
+
+
+def changes(label: FloatArray) -> bool:
+    """Return whether a label changes by more than a robot is off; False where it is not known."""
+    return bool(np.ptp(label) > min(_STILL_MM, _STILL * float(np.abs(label).max())))
 
 
 def cached_report(
@@ -326,7 +335,7 @@ def _cached(
 def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
     wrong = []
     deepest, widest = float(depth.max()), float(max(np.abs(x).max(), np.abs(y).max()))
-    if np.ptp(depth) > 0 and not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
+    if changes(depth) and not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
         wrong.append(
             f"the deepest press would be {deepest:.3g} mm deep: check the column of the depth, its "
             "sign, its zero (offset_mm) and its unit"
@@ -371,8 +380,8 @@ def _unlike(
         return []
     near = cKDTree(channels).query(channels, k=most + 1)[1]  # one of them is of another press
     other = near[np.arange(len(near)), (presses[near] != presses[:, None]).argmax(axis=1)]
-    alike = [_rank_correlation(column, column[other]) for column in xy.T if np.ptp(column) > 0]
-    names = [name for name, column in zip("xy", xy.T, strict=True) if np.ptp(column) > 0]
+    alike = [_rank_correlation(column, column[other]) for column in xy.T if changes(column)]
+    names = [name for name, column in zip("xy", xy.T, strict=True) if changes(column)]
     facts += [
         f"presses with channels alike have {name} alike: rank correlation {rank:.2f}"
         for name, rank in zip(names, alike, strict=True)
@@ -400,7 +409,7 @@ def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str
         xy: (N, 2) places of the labels, mm.
         facts: List to which findings are added.
     """
-    if np.ptp(xy[:, 0]) == 0 or np.ptp(xy[:, 1]) == 0:
+    if not changes(xy[:, 0]) or not changes(xy[:, 1]):
         facts.append("x or y is the same in all presses: not checked")
         return []
     slope, share = fit_places(middle, xy)

@@ -26,7 +26,7 @@ import pandas as pd
 from tactibench.datasets.formats import same_places
 from tactibench.datasets.options import ImportOptions
 from tactibench.datasets.pivot import middle_of_spread, shear_columns
-from tactibench.datasets.plausibility import fit_places
+from tactibench.datasets.plausibility import changes, fit_places
 from tactibench.datasets.recording import Recording, label_values, unit_of
 from tactibench.datasets.schema import ChannelKind
 from tactibench.datasets.vectors import stuck_channels
@@ -315,7 +315,8 @@ def _limit(
     times, name = max((shift / max(bound, 1e-12), n) for n, (bound, shift) in bounds.items())
     if times > 1:
         shift = f"{bounds[name][1]:.2g} {unit_of(name)}, {times:.1f} times the scatter of a press"
-        return f"Drift limits the sensor: in all it moves {name} by {shift}; zero it more often."
+        moved = f"moves {name} by {shift}"
+        return f"Drift limits the sensor: over the recording it {moved}; zero it more often."
     best = " and ".join(f"{b:.2g} {unit_of(name)} in {name}" for name, (b, _) in bounds.items())
     less = "" if repeated else ", or a little less: no press was repeated"
     return f"Scatter limits the sensor: the best model of single frames is off by {best}{less}."
@@ -403,7 +404,7 @@ def _poses(
         for name in (("tilt", "depth") if plate else ("x", "y", "depth"))
     }
     resting = np.array([s is not None and s.pose.depth <= 0 and not plate for s in scenes])
-    asked = {n: v for n, v in poses.items() if len(np.unique(v[np.isfinite(v)])) > 1}
+    asked = {n: v for n, v in poses.items() if any(single) and changes(v[np.isfinite(v)])}
     dragged = {name: recording.labels[name] for name in shear_columns(recording.labels)}
     return asked | dragged, len(asked), resting
 

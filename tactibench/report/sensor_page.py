@@ -19,7 +19,11 @@ def sensor_table(report: SensorReport) -> Table:
     rows: list[list[Cell]] = [
         [
             line.name,
-            None if line.value is None else Number(line.value, significant),
+            None
+            if line.value is None
+            else Number(
+                line.value, significant if isinstance(line.value, float) else "{:,}".format
+            ),
             line.unit,
             line.remark,
         ]

@@ -154,6 +154,7 @@ NO_REST: list[tuple[str, Spoil, str]] = [
     ("metres", lambda p: replace(p, depth=p.depth / 1000), "check the column of the depth"),
     ("depth of 80 mm", lambda p: replace(p, depth=16 * p.depth), "check the column of the depth"),
     ("one place", lambda p: replace(p, x=0.0), ""),
+    ("one depth, to 10 um", lambda p: replace(p, depth=2.0 + p.depth / 500), ""),
     ("one depth", lambda p: replace(p, depth=0.0), ""),
     ("all alike", lambda p: Pose(depth=1.0), "all labels are the same"),
 ]
