@@ -47,7 +47,7 @@ _FILE = "sites.npz"
 
 
 @dataclass(frozen=True, eq=False)
-class SiteTrials:
+class TouchTrials:
     """Trials to learn from.
 
     Attributes:
@@ -63,8 +63,8 @@ class SiteTrials:
     def __len__(self) -> int:
         return len(self.channels)
 
-    def __getitem__(self, rows: npt.NDArray[Any]) -> SiteTrials:
-        return SiteTrials(self.channels[rows], self.touched[rows], self.session[rows])
+    def __getitem__(self, rows: npt.NDArray[Any]) -> TouchTrials:
+        return TouchTrials(self.channels[rows], self.touched[rows], self.session[rows])
 
     def folds(self, rng: np.random.Generator) -> npt.NDArray[np.intp]:
         """Return the (N,) folds; trials of one set of places are dealt evenly."""
@@ -74,7 +74,7 @@ class SiteTrials:
         fold[order] = np.arange(len(self)) % FOLDS
         return fold
 
-    def with_mixed(self, most: int, rng: np.random.Generator) -> SiteTrials:
+    def with_mixed(self, most: int, rng: np.random.Generator) -> TouchTrials:
         """Return these trials and sums of trials of one session that touch different places.
 
         Sums are made for sets with more places than any trial has, each place being in such a set
@@ -103,7 +103,7 @@ class SiteTrials:
             sums.append(mixed[None])
             sets.append((wanted & ~left)[None])
             sessions.append(np.array([session]))
-        return SiteTrials(np.concatenate(sums), np.concatenate(sets), np.concatenate(sessions))
+        return TouchTrials(np.concatenate(sums), np.concatenate(sets), np.concatenate(sessions))
 
 
 class SiteModel(Model):
@@ -170,7 +170,7 @@ class SiteModel(Model):
             "untouched": np.array(any(sites.count == 0 for sites in known)),
         }
         _, session = np.unique([frame.session for frame in frames], return_inverse=True)
-        trials = SiteTrials(channels, np.array([s.touched for s in known]), session)
+        trials = TouchTrials(channels, np.array([s.touched for s in known]), session)
         fold = trials.folds(rng)
         held_out = [self._held_out(trials, fold == k, rng) for k in range(FOLDS)]
         scores, touched = map(np.concatenate, zip(*held_out, strict=True))
@@ -178,14 +178,14 @@ class SiteModel(Model):
         self._learned |= self.learn(self._squash(mixed.channels), mixed.touched, rng)
         self._learned |= _responses(scores, touched, mixed=len(scores) > len(trials))
         prior: Prior = "plain addition" if self.adds or len(mixed) > len(trials) else "none"
-        notes = {"trials": len(trials), "mixed": len(mixed) - len(trials)}
+        notes = {"trials": len(trials), "mixing": round(len(mixed) / len(trials) - 1, 1)}
         return FitReport(seconds=time.perf_counter() - began, notes=notes, prior=prior)
 
-    def _to_learn(self, trials: SiteTrials, rng: np.random.Generator) -> SiteTrials:
+    def _to_learn(self, trials: TouchTrials, rng: np.random.Generator) -> TouchTrials:
         return trials.with_mixed(MIXED, rng) if self.mixing and not self.adds else trials
 
     def _held_out(
-        self, trials: SiteTrials, out: npt.NDArray[np.bool_], rng: np.random.Generator
+        self, trials: TouchTrials, out: npt.NDArray[np.bool_], rng: np.random.Generator
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Return the scores (N, K) and touched places (N, K) of trials that were left out."""
         to_learn, held = self._to_learn(trials[~out], rng), trials[out]

@@ -102,14 +102,14 @@ def test_several_places_are_learned_from_trials_of_one(
     record = trained(planned, monkeypatch, model)
     assert record.metric("exact", "all").value > 0.8
     assert record.training.prior == "plain addition"
-    assert (record.training.notes["mixed"] > 0) is mixed
+    assert (record.training.notes["mixing"] > 1) is mixed
 
 
 def test_a_model_without_mixing_learns_from_its_trials_alone(
     planned: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record = trained(planned, monkeypatch, "kernel", mixing="no")
-    assert record.training.notes == {"trials": 64, "mixed": 0}
+    assert record.training.notes == {"trials": 64, "mixing": 0}
     assert record.training.prior == "none"
 
 
