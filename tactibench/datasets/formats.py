@@ -77,6 +77,8 @@ _SAME_PLACE = 0.01
 """Numbers that are no further apart are one place, mm or deg: robots come back to a few um."""
 _LONGEST_PLACE = 0.1
 """Extent of rows that are one place; a path of close rows is longer."""
+_NOWHERE = 1e6
+"""Place of the first row that touches nothing, mm; every other one is as much farther away."""
 _FEWEST_PLACES = 5
 """Places from which rows are divided by place: of fewer, none would be left to test on."""
 _FROZEN = 5
@@ -497,7 +499,8 @@ def place_keys(
         pose, offsets = scene.pose, np.array(scene.indenter.offsets)
         depth = pose.depth if scene.indenter.is_plate else 0.0
         keys[row] = pose.x, pose.y, pose.yaw, pose.tilt, depth, np.abs(offsets).sum()
-        keys[row, 0] += 1e6 * row if pose.depth <= 0 and not scene.indenter.is_plate else 0.0
+        if pose.depth <= 0 and not scene.indenter.is_plate:
+            keys[row, 0] = _NOWHERE * (1 + row)
     return keys
 
 
@@ -534,7 +537,7 @@ def read_presses(
         if float((reach.max() - reach.min()).to_numpy().max()) > _LONGEST_PLACE:
             # Rows on a path have neighbours all along it: only equal ones are one place.
             place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
-        count = int(place.max()) + 1
+        count = len(np.unique(place[places[:, 0] < _NOWHERE]))
         if _FEWEST_PLACES <= count < len(place):
             groups.append(place)
             note = f"{count:,} places: rows at one place are one press, which trains or tests."

@@ -152,19 +152,23 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     else:
         table, candidates = _find_channels(folder, known, evidence)
         evidence.give("surface", "flat", "no table says it; write dome if a dome is pressed")
-    numbers = [name for name in candidates if is_numeric(table, name)]
-    labels = [name for name in numbers if name not in table.signals]
+    hidden = table.signals
+    candidates = [name for name in candidates if name not in hidden]
+    labels = [name for name in candidates if is_numeric(table, name)]
     if found is None and labels and all(_is_flag(table, name) for name in labels):
-        evidence.remarks["channels"] = f"which places are touched: {shown(labels, most=8)}"
-    else:
+        whole = [name for name in table.arrays if [*table.select(name)] == labels]
+        evidence.give("sites", (whole or [table.listed(labels)])[0], "1 where a place is touched")
+    elif not known.sites:
         find_roles(table, labels, evidence)
         find_press(table, candidates, evidence)
         evidence.give("radius_mm", "3.0", "of the tip; no table says it")
     options = evidence.options
     used = {name.removeprefix("-") for text in options.values() for name in text.split(",")}
-    for name in candidates:
+    used |= {*table.select(options.get("sites", ""))}
+    signals = [name for name in table.arrays if f"{name}_1" in hidden]
+    for name in (*candidates, *signals):
         if name not in used:
-            evidence.unused.setdefault(name, _reason(table, name, name in numbers))
+            evidence.unused.setdefault(name, _reason(table, name, name in labels))
     unused = {name: why for name, why in evidence.unused.items() if name not in used}
     return Guess(options, {k: v for k, v in evidence.remarks.items() if k not in given}, unused)
 
@@ -175,7 +179,9 @@ def _is_flag(table: Table, name: str) -> bool:
 
 
 def _reason(table: Table, name: str, is_numeric: bool) -> str:
-    """Return why a column has no role."""
+    """Return why a column or an array has no role."""
+    if name in table.arrays:
+        return "another signal"
     if not is_numeric:
         return "no numbers"
     if counts_up(table, name):
@@ -265,12 +271,13 @@ def _find_channels(
     given = [inside(folder, name) for name in dict.fromkeys((known.table, known.channels)) if name]
     whole = bool(known.table and known.channels) or (bool(given) and bool(known.channel_columns))
     paths = given if whole else find_tables(folder)
-    tables = {path: read_table(path, read_file(path)) for path in paths}
+    tables = {path: read_table(path, read_file(path)) for path in given}
+    alone = {path: channels_of(table) for path, table in tables.items()}
+    if not (known.table and not known.channels and alone[given[0]]):  # labels and channels in one
+        tables |= {p: read_table(p, read_file(p)) for p in paths if p not in tables}
+        alone = {path: channels_of(table) for path, table in tables.items()}
     if not tables:
         raise UserError(f"{folder} holds no frames and no table; name another folder.")
-    alone = {path: channels_of(table) for path, table in tables.items()}
-    if known.table and not known.channels and (known.channel_columns or alone[given[0]]):
-        tables = {given[0]: tables[given[0]]}  # labels and channels in one
     labels = [given[0]] if known.table else [p for p in tables if p not in given] or given
     if len(tables) > 1 and not known.table:
         few = [p for p in labels if len(_label_columns(tables[p])) <= _MOST_LABELS]

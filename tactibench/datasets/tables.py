@@ -74,6 +74,7 @@ class Table:
     header: bool = True
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    _parsed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -173,15 +174,26 @@ class Table:
         return float(np.isfinite(self._parse(column)).mean())
 
     def _parse(self, column: str) -> FloatArray:
-        """Return the values of a column, NaN where a cell is no number."""
-        if self.cells[column].dtype.kind in "biuf":
-            return self.cells[column].to_numpy(dtype=np.float64)
-        cells = self.cells[column].astype(object)
+        """Return the values of a column, NaN where a cell is no number; every column once."""
+        if column not in self._parsed:
+            self._parsed[column] = self._values(self.cells[column])
+        return self._parsed[column].copy()
+
+    def _values(self, cells: pd.Series[Any]) -> FloatArray:
+        if cells.dtype.kind in "biuf":
+            return cells.to_numpy(dtype=np.float64)
+        cells = cells.astype(object)
         if self.comma:
             cells = cells.str.replace(",", ".")
         # Python's float() rounds correctly, pandas' own parser of numbers does not.
-        numbers = cells.where(cells.str.fullmatch(_NUMBER)).astype(float)
-        return np.asarray(numbers.to_numpy(), dtype=np.float64)
+        try:
+            numbers = np.array([float(cell) for cell in cells])
+            if not any("_" in cell for cell in cells):  # float() takes 1_0 for ten
+                return numbers
+        except ValueError:
+            pass
+        is_number = cells.str.fullmatch(_NUMBER)
+        return np.asarray(cells.where(is_number).astype(float).to_numpy(), dtype=np.float64)
 
 
 def shown(columns: Sequence[str], most: int = _MOST_SHOWN) -> str:
@@ -444,6 +456,8 @@ def _refuse_twice(path: Path, names: Sequence[str]) -> None:
 
 
 def _has_decimal_commas(path: Path, cells: pd.DataFrame) -> bool:
+    if not cells.map(lambda cell: "," in cell).to_numpy().any():
+        return False
     texts = cells.stack()
     comma, point = (texts[texts.str.fullmatch(kind)] for kind in (_COMMA_NUMBER, _POINT_NUMBER))
     if len(comma) and len(point):

@@ -399,8 +399,9 @@ def test_channels_before_a_press_are_subtracted(skin: Skin, tmp_path: Path) -> N
     arrays = {"befores": skin.taxels * 0 + 7, "afters": skin.taxels + 7, "patterns": touched}
     savemat(skin.folder / "batch.mat", arrays)
     guess = guess_mapping(skin.folder)
-    assert (guess.options["channel_columns"], guess.options["before"]) == ("afters", "befores")
+    found = {name: guess.options[name] for name in ("channel_columns", "before", "sites")}
+    assert found == {"channel_columns": "afters", "before": "befores", "sites": "patterns"}
     write_mapping(tmp_path / "map.toml", guess)
     recording = open_recording(skin.folder, read_mapping(tmp_path / "map.toml"))
     assert np.allclose(recording.signal(5), skin.taxels[5], atol=1e-5)
-    assert [*recording.labels] == [f"patterns_{n}" for n in range(1, 5)]
+    assert recording.sites == ("A", "B", "C", "D")
