@@ -35,6 +35,7 @@ from tactibench.datasets.labels import (
     normal_forces,
     role_columns,
     scenes_of,
+    shear_columns,
     signed_column,
     tip_columns,
 )
@@ -489,11 +490,12 @@ def place_keys(
     """Return (N, K) numbers that rows of one place share; None where no place is known.
 
     A place is where tips are, at whatever depth, and the whole pose of a plate or of a robot. Rows
-    that touch nothing have no place, and share none.
+    that touch nothing have no place, and share none; nor do presses that were dragged differently.
     """
+    dragged = [labels[name] for name in shear_columns(labels)]
     if scenes is None:
         poses = [values for name, values in labels.items() if name in ALIAS]
-        return np.column_stack(poses) if len(poses) > 1 else None
+        return np.column_stack([*poses, *dragged]) if len(poses) > 1 else None
     keys = np.zeros((len(scenes), 6))
     for row, scene in enumerate(scenes):
         pose, offsets = scene.pose, np.array(scene.indenter.offsets)
@@ -501,7 +503,7 @@ def place_keys(
         keys[row] = pose.x, pose.y, pose.yaw, pose.tilt, depth, np.abs(offsets).sum()
         if pose.depth <= 0 and not scene.indenter.is_plate:
             keys[row, 0] = _NOWHERE * (1 + row)
-    return keys
+    return np.column_stack([keys, *dragged])
 
 
 def read_presses(

@@ -6,6 +6,7 @@ A plate has a depth and a tilt; spherical tips are one, a pair, a triangle, or a
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -36,6 +37,7 @@ NUMBERED = tuple(f"pose_{axis}" for axis in "123456")
 LETTERED = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
 ALIAS = dict(zip(NUMBERED + LETTERED, LETTERED + NUMBERED, strict=True))
 """Names of the same column in the two generations of the Bristol convention."""
+_SHEAR = re.compile(r"(move|shear)_([1-6]|[xyz]|R[xyz])")
 TIP_COUNT = {SINGLE: 1, DUAL: 2, TRIPLE: 3}
 
 
@@ -66,6 +68,13 @@ def indentation(
     turned = np.radians(np.asarray(tilt, dtype=np.float64))
     lowered: FloatArray = np.asarray(depth, dtype=np.float64) + offset_mm
     return lowered + pivot_mm * (1 - np.cos(turned)) + side_mm * np.sin(turned)
+
+
+def shear_columns(
+    labels: Mapping[str, FloatArray], pattern: re.Pattern[str] = _SHEAR
+) -> tuple[str, ...]:
+    """Return the columns that say how a press was dragged along, where they change."""
+    return tuple(n for n, v in labels.items() if pattern.fullmatch(n) and np.ptp(v) > 0)
 
 
 def signed_column(labels: Mapping[str, FloatArray], column: str, factor: float = 1.0) -> FloatArray:

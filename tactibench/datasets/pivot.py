@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from tactibench.datasets.labels import indentation, role_columns, signed_column
+from tactibench.datasets.labels import indentation, role_columns, shear_columns, signed_column
 from tactibench.datasets.options import PLATE, ImportOptions
 from tactibench.datasets.recording import Recording
 from tactibench.errors import UserError
@@ -75,7 +75,6 @@ _NEAREST_MM = 1e-3
 """The smallest indentation in the logarithm, which has no value at 0."""
 _ROUNDS = 3
 """Number of fits, each with the scale of the residuals that the one before left."""
-_SHEAR = re.compile(r"(move|shear)_([1-6]|[xyz]|R[xyz])")
 _TRAVEL = re.compile(r"(move|shear)_[123xyz]")
 
 
@@ -177,7 +176,7 @@ class RecordingFit:
 
 def presses_to_fit(recording: Recording) -> int:
     """Return how many frames ``fit_recording`` reads."""
-    return len(_least_sheared(recording, _changing(recording.labels, _TRAVEL), MOST))
+    return len(_least_sheared(recording, shear_columns(recording.labels, _TRAVEL), MOST))
 
 
 def fit_recording(
@@ -201,7 +200,7 @@ def fit_recording(
     labels = recording.complete_labels()
     columns = role_columns(options, PLATE, labels, recording.table)
     dragged = shear_columns(labels)
-    rows = _least_sheared(recording, _changing(labels, _TRAVEL), most)
+    rows = _least_sheared(recording, shear_columns(labels, _TRAVEL), most)
     pins, spread, middle = follow_spreads(recording, rows, advance)
     depth, tilt = (signed_column(labels, columns[role])[rows] for role in ("depth", "tilt"))
     shear = None
@@ -264,16 +263,6 @@ def follow_spreads(
         middle[start : start + _BATCH] = middle_of_spread(moved, tracker.rest)
         advance(len(batch))
     return len(tracker.rest), spread, middle
-
-
-def shear_columns(labels: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """Return the columns that say how a press was dragged along, where they change."""
-    return _changing(labels, _SHEAR)
-
-
-def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Return the columns that the pattern fits and that are not constant."""
-    return tuple(n for n, v in labels.items() if pattern.fullmatch(n) and np.ptp(v) > 0)
 
 
 def _least_sheared(

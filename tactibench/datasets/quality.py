@@ -24,8 +24,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from tactibench.datasets.formats import same_places
+from tactibench.datasets.labels import shear_columns
 from tactibench.datasets.options import ImportOptions
-from tactibench.datasets.pivot import middle_of_spread, shear_columns
+from tactibench.datasets.pivot import middle_of_spread
 from tactibench.datasets.plausibility import changes, fit_places
 from tactibench.datasets.recording import Recording, label_values, unit_of
 from tactibench.datasets.schema import ChannelKind

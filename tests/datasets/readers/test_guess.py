@@ -13,6 +13,7 @@ from scipy.io import savemat
 
 from tactibench import UserError
 from tactibench.datasets import guess_mapping, open_recording, read_mapping, write_mapping
+from tactibench.png import encode_png
 
 ROWS = 40
 SIZE = 24
@@ -203,6 +204,23 @@ def test_frames_of_one_press_or_place_stay_together(tmp_path: Path) -> None:
     recording = open_recording(lab.folder, read_mapping(tmp_path / "again.toml"))
     assert subsets(recording.presses) == 12
     assert any("12 places: rows at one place are one press" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("dragged", "presses"), [("differently", 60), ("alike", 30)])
+def test_presses_that_were_dragged_differently_are_two(
+    tmp_path: Path, dragged: str, presses: int
+) -> None:
+    """Of thousands of plates, two have one pose by chance."""
+    rng = np.random.default_rng(1)
+    poses = np.tile(rng.uniform(-5, 5, (30, 2)), (2, 1))
+    drag = np.tile(rng.uniform(-5, 5, 30), 2) + (np.arange(60) // 30 if presses == 60 else 0)
+    rows = ["image_name,pose_2,pose_6,move_1"]
+    for row, (depth, tilt) in enumerate(poses):
+        image = rng.integers(0, 256, (12, 10), dtype=np.uint8)
+        (tmp_path / f"{row}.png").write_bytes(encode_png(image))
+        rows.append(f"{row}.png,{depth},{tilt},{drag[row]}")
+    (tmp_path / "targets.csv").write_text("\n".join(rows) + "\n")
+    assert subsets(open_recording(tmp_path).presses) == presses
 
 
 def test_rows_along_a_path_are_no_single_place(tmp_path: Path) -> None:
