@@ -297,9 +297,10 @@ def _find_frames(
     used = dict.fromkeys(
         place for hits in found for place in ([*hits][:1] if usual & {*hits} else hits)
     )
-    sides = {part.lower() for name in names for part in PurePosixPath(name).parts[:-1]}
+    present = [name for name, hits in zip(names, found, strict=True) if hits]
+    sides = {part.lower() for name in present for part in PurePosixPath(name).parts[:-1]}
     if len(used) > 1 or {"left", "right"} <= sides:
-        where = ", ".join(place.name for place in used)
+        where = ", ".join(place.name for place in used) if len(used) > 1 else "left, right"
         raise UserError(
             f"{table} names frames that are in {where}, maybe of different sensors; say which "
             "with --param frames=FOLDER (--param missing=skip leaves out rows without a frame)."
@@ -553,30 +554,28 @@ def read_presses(
 
 def _linked(groups: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
     """Return the (N,) groups of rows that any of several groupings puts together."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    rows, links = np.arange(len(groups[0])), []
+    links = []
     for group in groups:
-        first = np.unique(group, return_index=True)[1]
-        links.append(np.stack([rows, first[np.unique(group, return_inverse=True)[1]]]))
-    one, two = np.concatenate(links, axis=1)
-    graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(rows), len(rows)))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+        _, first, of = np.unique(group, return_index=True, return_inverse=True)
+        links.append(np.column_stack([np.arange(len(group)), first[of]]))
+    return _components(len(groups[0]), np.concatenate(links))
 
 
 def same_places(points: FloatArray) -> npt.NDArray[np.int64]:
     """Return the (N,) groups of (N, K) points that are one place along every axis."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     close = cKDTree(places).query_pairs(_SAME_PLACE, p=np.inf, output_type="ndarray")
-    count = len(places)
-    links = coo_array((np.ones(len(close)), (close[:, 0], close[:, 1])), shape=(count, count))
-    _, group = connected_components(links, directed=False)
-    return np.asarray(group[place_of.ravel()], dtype=np.int64)
+    return _components(len(places), close)[place_of.ravel()]
+
+
+def _components(count: int, pairs: npt.NDArray[np.intp]) -> npt.NDArray[np.int64]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def check_frames(

@@ -327,15 +327,11 @@ def _find_channels(
         usual = np.median(values, axis=0)
         evidence.strength = lambda: np.sqrt(np.square(values - usual).mean(axis=1))
         evidence.alike = lambda labels: _rank_of_alike(values, labels)
-    used = {
-        *columns,
-        *(
-            table.select(evidence.options["before"])
-            if same and "before" in evidence.options
-            else ()
-        ),
-    }
-    return table, [name for name in table.columns if not same or name not in used]
+    if not same:
+        return table, list(table.columns)
+    before = evidence.options.get("before", "")
+    used = {*columns, *(() if (folder / before).is_file() else table.select(before))}
+    return table, [name for name in table.columns if name not in used]
 
 
 def _axis(column: str) -> str:

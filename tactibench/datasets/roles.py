@@ -215,7 +215,9 @@ def _find_places(table: Table, names: Sequence[Name], evidence: Evidence) -> Non
         for y in names:
             same = (x.axis, y.axis) == ("x", "y") and (x.beside, x.number) == (y.beside, y.number)
             lengths = all(stated_unit(n.column) in (None, *MM_PER) for n in (x, y))
-            if same and lengths and not x.is_else and _may_be_places(table, (x, y), evidence):
+            if not (same and lengths) or x.is_else:
+                continue
+            if len(table) < _FEWEST_ROWS or any(_span(table, n.column) for n in (x, y)):
                 fit.setdefault(x.beside, {})[x.number] = (x, y)
     if not fit:
         _find_unnamed_places(table, names, evidence)
@@ -235,18 +237,11 @@ def _find_places(table: Table, names: Sequence[Name], evidence: Evidence) -> Non
         for number in numbers
     ]
     if len(numbers) > 1 and numbers[0] and all(depths):
-        xs, ys, zs = (
-            ",".join(column)
-            for column in (
-                [pairs_of[number][0].column for number in numbers],
-                [pairs_of[number][1].column for number in numbers],
-                [each[0].column for each in depths],
-            )
-        )
-        if all(_is_other_tip(table, pairs_of[numbers[0]], pairs_of[n]) for n in numbers[1:]):
+        tips = [(*pairs_of[n], each[0]) for n, each in zip(numbers, depths, strict=True)]
+        if all(_is_other_tip(table, tips[0][:2], tip[:2]) for tip in tips[1:]):
             evidence.give("indenter", "tips", f"{len(numbers)} tips, each with a depth of its own")
-            for role, columns in zip(("x", "y", "depth"), (xs, ys, zs), strict=True):
-                evidence.give(role, columns)
+            for role, columns in zip(("x", "y", "depth"), zip(*tips, strict=True), strict=True):
+                evidence.give(role, ",".join(name.column for name in columns))
             return
     elif len(numbers) > 1 and numbers[0]:
         pair = " and ".join(n.column for n in pairs_of[numbers[1]])
@@ -260,15 +255,6 @@ def _find_places(table: Table, names: Sequence[Name], evidence: Evidence) -> Non
     for number in numbers[1:]:
         for name in pairs_of[number]:
             evidence.unused[name.column] = "no second tip: its places are not those of one"
-
-
-def _may_be_places(table: Table, pair: Sequence[Name], evidence: Evidence) -> bool:
-    """Return whether columns change, and both by about as much."""
-    spans = [_span(table, name.column) for name in pair]
-    if len(table) >= _FEWEST_ROWS and max(spans) == 0:
-        evidence.unused |= dict.fromkeys((name.column for name in pair), "never changes")
-        return False
-    return True
 
 
 def _is_other_tip(table: Table, first: Sequence[Name], other: Sequence[Name]) -> bool:
@@ -331,17 +317,10 @@ def _find_depth(table: Table, names: Sequence[Name], evidence: Evidence) -> None
     """Find the depth, of a column that is called so, or of a height whose sign can be told."""
     options, unused = evidence.options, evidence.unused
     place = take_apart(options["x"].removeprefix("-"))
-    fit = [
-        name
-        for name in names
-        if name.axis in ("depth", "z")
-        and not name.is_else
-        and stated_unit(name.column) in (None, *MM_PER)
-    ]
-    depths = [name for name in fit if name.axis == "depth"]
-    heights = [
-        n for n in fit if n.axis == "z" and (n.beside, n.number) == (place.beside, place.number)
-    ]
+    lengths = [n for n in names if stated_unit(n.column) in (None, *MM_PER) and not n.is_else]
+    depths = [name for name in lengths if name.axis == "depth"]
+    sibling = ("z", place.beside, place.number)
+    heights = [name for name in lengths if (name.axis, name.beside, name.number) == sibling]
     if len(depths) > 1:
         depths = [name for name in depths if name.number == place.number] or depths
         fewest = min(len(name.beside) for name in depths)
@@ -355,8 +334,7 @@ def _find_depth(table: Table, names: Sequence[Name], evidence: Evidence) -> None
     column = next((name.column for name in [*depths, *heights]), unnamed[0] if unnamed else "")
     if not column:
         return
-    factor = MM_PER[_unit_of(column, options)]
-    values = factor * _values(table, column)
+    values = _millimetres(table, column, options)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     follows = _correlation(values, evidence.strength())
     said = "" if follows is None else f"the signal follows it (rank correlation {follows:.2f})"
@@ -366,21 +344,23 @@ def _find_depth(table: Table, names: Sequence[Name], evidence: Evidence) -> None
         return
     if column in unnamed and not (far and follows and abs(follows) >= _FOLLOWS):
         return
-    if follows is not None and abs(follows) >= _FOLLOWS:
+    if not depths and follows is not None and abs(follows) >= _FOLLOWS:
         sign = "-" if follows < 0 else ""
-    elif (far and not depths) or (low < 0 < high and not depths):
+    elif not depths and (far or low < 0 < high):
         unused[column] = f"is deeper up or down? write depth={column} or depth=-{column}"
         return
     else:
         sign = "-" if float(np.nanmedian(values)) < 0 else ""
-        said = "negative values are taken as deeper" if sign else "larger is taken as deeper"
+        said = f"{'negative' if sign else 'larger'} values are taken as deeper; {said}".rstrip("; ")
     unused.pop(column, None)
     evidence.give("depth", f"{sign}{column}", said)
 
 
-def _unit_of(column: str, options: dict[str, str]) -> str:
-    stated = stated_unit(column)
-    return stated if stated in MM_PER else options.get("unit", "mm")
+def _millimetres(table: Table, column: str, options: dict[str, str]) -> FloatArray:
+    stated = stated_unit(column.removeprefix("-"))
+    return (
+        _values(table, column) * MM_PER[stated if stated in MM_PER else options.get("unit", "mm")]
+    )
 
 
 def _correlation(first: FloatArray, second: FloatArray) -> float | None:
@@ -443,18 +423,14 @@ def _find_zeros(table: Table, evidence: Evidence) -> None:
         columns = [text.strip().removeprefix("-") for text in options[axis].split(",")]
         if not all(column in table.cells for column in columns):
             continue
-        factors = [MM_PER[_unit_of(column, options)] for column in columns]
-        values = np.concatenate(
-            [f * _values(table, column) for f, column in zip(factors, columns, strict=True)]
-        )
+        values = np.concatenate([_millimetres(table, column, options) for column in columns])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         if abs(low + high) > (high - low) / 2:
             said = f"the middle of {low:.4g} to {high:.4g} mm: check it"
             evidence.give(f"{axis}_zero_mm", f"{(low + high) / 2:.6g}", said)
     if "depth" in options:
-        depth = options["depth"].split(",")
-        factor = MM_PER[_unit_of(depth[0].removeprefix("-"), options)]
-        values = factor * _values(table, options["depth"])
+        columns = options["depth"].split(",")
+        values = np.concatenate([_millimetres(table, column, options) for column in columns])
         low = float(np.nanmin(values))
         if low > _FAR_MM or np.nanmax(values) <= 0:
             evidence.give("offset_mm", f"{-low:.6g}", "the shallowest is taken as first touch")
@@ -468,28 +444,19 @@ def counts_up(table: Table, column: str) -> bool:
 
 def find_press(table: Table, columns: Sequence[str], evidence: Evidence) -> None:
     """Find the column whose rows are frames of one press: together in time, or at one place."""
-    places = (
-        np.column_stack([_values(table, evidence.options[axis]) for axis in "xy"])
-        if {*"xy"} <= evidence.options.keys() and evidence.options.get("indenter") != "tips"
-        else None
-    )
+    places = np.zeros((len(table), 2))
+    if evidence.options["indenter"] != "tips":
+        places = np.column_stack([_values(table, evidence.options[axis]) for axis in "xy"])
+    extent = np.maximum(np.ptp(places, axis=0), 1e-12)
     for column in columns:
-        name = take_apart(column)
-        if (
-            "press" in evidence.options
-            or name.axis != "press"
-            or column in evidence.options.values()
-        ):
+        taken = "press" in evidence.options or column in evidence.options.values()
+        if taken or take_apart(column).axis != "press":
             continue
         cells = np.unique([str(cell) for cell in table.cells[column]], return_inverse=True)[1]
         changes = int((np.diff(cells) != 0).sum()) + 1
         groups = len(set(cells.tolist()))
-        wide = 0.0
-        if places is not None:
-            spans = [np.ptp(places[cells == group], axis=0) for group in range(groups)]
-            wide = float(
-                np.median(np.max(spans / np.maximum(np.ptp(places, axis=0), 1e-12), axis=1))
-            )
+        spans = [np.ptp(places[cells == group], axis=0) / extent for group in range(groups)]
+        wide = float(np.median(np.max(spans, axis=1)))
         if groups in (1, len(cells)) or (changes > groups and wide > 0.1):
             evidence.unused[column] = "its rows are not together, so that it numbers no presses"
         elif groups < _FEWEST_PRESSES and wide > 0.5:

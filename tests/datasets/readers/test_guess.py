@@ -12,7 +12,13 @@ import pytest
 from scipy.io import savemat
 
 from tactibench import UserError
-from tactibench.datasets import guess_mapping, open_recording, read_mapping, write_mapping
+from tactibench.datasets import (
+    guess_mapping,
+    open_recording,
+    read_mapping,
+    read_options,
+    write_mapping,
+)
 from tactibench.png import encode_png
 
 ROWS = 40
@@ -243,6 +249,7 @@ def test_frames_of_two_sensors_are_not_mixed(lab: Lab) -> None:
     lab.table({"file": [f"{('left', 'right')[r % 2]}/f{r}.png" for r in range(ROWS)]} | places(lab))
     with pytest.raises(UserError, match="maybe of different sensors"):
         open_recording(lab.folder)
+    assert len(open_recording(lab.folder, read_options(["frames=left", "missing=skip"]))) == 20
 
 
 def test_a_frozen_camera_is_named(lab: Lab) -> None:
