@@ -40,7 +40,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_cnn": (185, 3),
     "plugins/tactibench_heatmaps": (720, 4),
     "plugins/tactibench_mixture": (212, 3),
-    "plugins/tactibench_pins": (1065, 7),
+    "plugins/tactibench_pins": (1066, 7),
     "plugins/tactibench_recorded": (276, 3),
     "plugins/tactibench_sim": (3960, 22),
     "plugins/tactibench_superpose": (843, 6),

@@ -255,8 +255,6 @@ class Channels(Reader):
         minus_rest: Whether all training frames had a rest frame, which was taken off.
     """
 
-    noise = 0.02
-    """About the smallest step of the magnetic skin of eFlesh."""
     polar = True
 
     def __init__(self, size: int, scale: float, minus_rest: bool) -> None:

@@ -197,6 +197,7 @@ class Inversion(nn.Module):
     whitening: nn.Parameter
     places: nn.Parameter
     fields: nn.Parameter
+    halves: nn.Parameter
     slopes: nn.Parameter
     precision: nn.Parameter
 
@@ -212,6 +213,7 @@ class Inversion(nn.Module):
             "whitening": (channels, channels),
             "places": (points, axes),
             "fields": (points, channels),
+            "halves": (points,),
             "slopes": (points, axes, channels),
             "precision": (axes,),
         }
@@ -241,6 +243,7 @@ class Inversion(nn.Module):
             "whitening": whitening,
             "places": places,
             "fields": fields,
+            "halves": 0.5 * np.square(fields).sum(axis=1),
             "slopes": np.stack([slope.reshape(fields.shape) for slope in slopes], axis=1),
             "precision": (_CELL * steps) ** -2.0,
         }
@@ -289,7 +292,7 @@ class Inversion(nn.Module):
             size = rms.clamp_min(FAINT)
             seen = torch.cat([moved / size, 2 * size.log()], dim=1)
         seen = seen @ self.whitening
-        unlike = 0.5 * self.fields.square().sum(dim=1) - seen @ self.fields.T
+        unlike = self.halves - seen @ self.fields.T  # half the square of the distance
         rows = unlike.topk(_NEAREST, dim=1, largest=False).indices
         missed = seen[:, None] - self.fields[rows]
         slopes = self.slopes[rows]
