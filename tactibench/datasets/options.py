@@ -106,11 +106,6 @@ class ImportOptions:
     before: str = _option(
         "", "channels before every press, which are subtracted: columns, an array, or a file"
     )
-    change: str = _option(
-        "difference",
-        "what is kept of channels and those before; relative: the difference, divided by those",
-        choices=("difference", "relative"),
-    )
     join: str = _option(
         "", "column of a time in s that labels and channels share; default: they share their rows"
     )

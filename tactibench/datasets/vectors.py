@@ -26,8 +26,6 @@ from tactibench.png import read_file
 _SATURATED = 0.01
 """Share of the rows that may stand at a channel's largest or smallest value. A sensor that is not
 at its limit returns to one extreme number far more seldom."""
-_LEAST_REST = 0.05
-"""Least value, as a share of the median channel at rest, by which a change is divided."""
 
 
 def read_vectors(folder: Path, options: ImportOptions) -> Recording:
@@ -62,8 +60,6 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
                 "channels before every press, in the same order."
             )
         values = values - rest
-        if options.change == "relative":  # a channel near 0 would be all noise
-            values /= np.maximum(np.abs(rest), _LEAST_REST * np.median(np.abs(rest)))
         used |= columns
     times = _times(source, options)
     rows, partners = _join(table, values, times, channel_path, options)

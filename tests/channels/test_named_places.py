@@ -39,19 +39,6 @@ def test_every_file_is_a_session_and_places_of_an_array_are_letters(tmp_path: Pa
     assert len(set(again.names)) == len(set(again.presses)) == len(data.samples) == 8
 
 
-@pytest.mark.parametrize(("change", "constant"), [("relative", True), ("difference", False)])
-def test_a_change_may_be_divided_by_the_channels_before(
-    tmp_path: Path, change: str, constant: bool
-) -> None:
-    options = ImportOptions(
-        channels="day0.npz", channel_columns="during", before="before", sites="patterns",
-        change=change,
-    )  # fmt: skip
-    values = open_recording(write_days(tmp_path / "lab", days=1), options).values
-    assert values is not None
-    assert bool(np.allclose(values, 0.1)) is constant
-
-
 def test_columns_of_a_table_name_their_places(tmp_path: Path) -> None:
     lines = ["thumb,palm,c1,c2", "1,0,0.5,0.1", "1,1,0.7,0.2"]
     (tmp_path / "glove.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
