@@ -12,9 +12,10 @@ import numpy.typing as npt
 import pytest
 from raw_camera import LEFT, SIDE, TOP, discs, raw_discs, raw_frame
 
-from tactibench import UserError
+from tactibench import SensorContext, UserError
 from tactibench.datasets import import_folder, open_recording, read_options
 from tactibench.markers import Tracker, choose_light, count_pins, find_pin_view
+from tactibench_recorded.sensor import RecordedSensor
 
 Array = npt.NDArray[np.float64]
 
@@ -130,6 +131,9 @@ def test_raw_frames_are_imported_cut_out_unless_somebody_objects(tmp_path: Path)
     assert pins.track(np.stack([dataset.signal(s) for s in dataset.samples])).seen.mean() > 0.95
     kept = open_recording(folder, read_options(["light=as_is"]))
     assert kept.image(0).shape == (480, 640, 3)
+    context = SensorContext(np.random.SeedSequence(0), folder)
+    assert "cut_out" in RecordedSensor(context).describe()  # a run takes the light, too
+    assert RecordedSensor(context, light="as_is").describe()["image"] == [480, 640]
     with pytest.raises(UserError, match="leave light out"):
         open_recording(dataset.folder, read_options(["light=even"]))
 
