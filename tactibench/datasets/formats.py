@@ -384,8 +384,10 @@ def refuse_frozen(
         return
     same = (signals[1:] == signals[:-1]).reshape(len(rows) - 1, -1).all(axis=1)
     scenes = facts["scenes"]
-    touching = np.array([s is not None and not s.pose.depth <= 0 for s in scenes])
+    touching = np.array([s is None or not s.pose.depth <= 0 for s in scenes])
     changes = np.array([one != two for one, two in pairwise(scenes)], dtype=bool)
+    if not any(scenes) and (poses := place_keys(None, facts["labels"])) is not None:
+        changes = (poses[1:] != poses[:-1]).any(axis=1)
     frozen = same & changes & touching[1:]
     runs = np.convolve(frozen, np.ones(_FROZEN)) >= _FROZEN
     if runs.any():
