@@ -407,8 +407,9 @@ def refuse_shared_presses(presses: Sequence[str], division: PressSplit) -> None:
 
 def _lacking(folder: Path | None, spec: Protocol, recording: Recording, matched: Match) -> str:
     tips = [scene for scene in recording.scenes if not scene.indenter.is_plate]
-    remedy = "run protocol 'surface' on it"
-    if tips:
+    named = any(scene.sites is not None for scene in recording.scenes)
+    remedy = f"run protocol {'sites' if named else 'surface'!r} on it"
+    if tips and not named:
         remedy = (
             f"the recorded ones have {describe_range(tips)}: record others, or import again with "
             "the zeros that are right (x_zero_mm, y_zero_mm, offset_mm of the depth)"

@@ -141,3 +141,9 @@ def test_what_does_not_fit_is_one_sentence(
             writer.add_many([draft(number) for number in range(4)])
     with pytest.raises(UserError, match=sentence):
         planned("mean", data=folder)
+
+
+def test_named_places_are_no_contacts(recording: Path, tmp_path: Path) -> None:
+    request = RunRequest("exp1", "kernel", data=recording, device="cpu")
+    with pytest.raises(UserError, match=r"by named places, .* run protocol 'sites' on it"):
+        make_plan(request, PluginHost(), tmp_path / "cache", store=tmp_path / "runs")
