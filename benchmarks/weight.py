@@ -50,7 +50,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench": (850, 11),
     "tactibench/board": (2094, 12),
     "tactibench/cli": (2145, 12),
-    "tactibench/datasets": (5014, 20),
+    "tactibench/datasets": (5010, 20),
     "tactibench/frames": (1950, 12),
     "tactibench/live": (409, 4),
     "tactibench/markers": (1778, 8),

@@ -60,6 +60,8 @@ LEAST_PLACED = 0.6
 """Least share of the variance of the place about which pins spread that x and y explain: above .9
 where labels are right, below .5 where a column is a wrong one, 0 where they belong to other
 frames."""
+_FEW = 200
+"""Fewest rows of which places are compared, where there are so many."""
 LEAST_ALIKE = 0.6
 """Least rank correlation of a place with that of the press whose channels are most alike: .99 on
 the magnetic skin of eFlesh, 0 where a column belongs to other frames or is no place."""
@@ -367,6 +369,9 @@ def _unlike(
 ) -> list[str]:
     """Return how channels that are alike contradict the places x and y of their presses.
 
+    The quarter of the rows counts that changes most: the noise of a touch that is hardly felt has
+    no place.
+
     Args:
         channels: (N, C) channels of every row.
         xy: (N, 2) places, mm.
@@ -375,6 +380,9 @@ def _unlike(
     """
     from scipy.spatial import cKDTree
 
+    size = np.square(channels).mean(axis=1)
+    strong = np.argsort(-size, kind="stable")[: max(_FEW, len(size) // 4)]
+    channels, xy, presses = channels[strong], xy[strong], presses[strong]
     most = int(np.unique(presses, return_counts=True)[1].max())
     if most == len(presses):
         return []
