@@ -169,7 +169,7 @@ def pose_arrays(scenes: Sequence[Scene]) -> tuple[Array, Array, Array]:
 def check_poses(
     scenes: Sequence[Scene], pose: Array, *rules: tuple[npt.NDArray[np.bool_], str]
 ) -> None:
-    """Refuse poses that are not finite or have a negative depth, and those that a rule names.
+    """Refuse tips of unknown radius, poses that are not finite or too high, and what a rule names.
 
     Args:
         scenes: S scenes.
@@ -180,7 +180,9 @@ def check_poses(
     Raises:
         UserError: There is such a scene.
     """
+    unknown = np.array([math.isnan(scene.indenter.radius) for scene in scenes])
     for wrong, sentence in (
+        (unknown, "the indenter's radius is not known; a simulated sensor needs it."),
         (~np.isfinite(pose).all(axis=1), "the pose has {given}; each of them must be finite."),
         (pose[:, 4] < 0, "the pose's depth is {depth:g} mm; it must be 0 or more."),
         *rules,

@@ -152,12 +152,16 @@ def match(
 
 
 def describe_range(scenes: Sequence[Scene]) -> str:
-    """Return the range of presses in words: "x -3.1 to 2.9, y 0 to 5, depth 141 to 145 mm"."""
+    """Return the range of presses in words, such as "x -3.1 to 2.9 mm, y 0 to 5 mm".
+
+    A depth that is not known is left out.
+    """
     ranges = []
     for name in ("x", "y", "depth"):
         values = [getattr(scene.pose, name) for scene in scenes]
-        ranges.append(f"{name} {min(values):.3g} to {max(values):.3g}")
-    return f"{', '.join(ranges)} mm"
+        known = not any(map(math.isnan, values))
+        ranges.append(f"{name} {min(values):.3g} to {max(values):.3g} mm" if known else "")
+    return ", ".join(filter(None, ranges))
 
 
 def describe_draw(draw: Draw) -> str:
