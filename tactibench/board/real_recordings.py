@@ -117,12 +117,17 @@ def _recording(record: Record) -> str:
 
 
 def _default_rows(protocol: str, rows: Iterable[Row]) -> dict[str, Row]:
-    """Return the rows of models and encoders at their defaults, by the name of the model."""
-    encoder = load_protocol(protocol).spec.defaults.encoder
+    """Return the rows of models and encoders at their defaults, by the name of the model.
+
+    They are of the first regime of the protocol, which is that of single contacts.
+    """
+    spec = load_protocol(protocol).spec
+    encoder, regime = spec.defaults.encoder, next(iter(spec.regimes))
     chosen: dict[str, Row] = {}
     for row in rows:
         model = row.first.model
-        if not model.changed and row.encoder in {"", encoder, model.name}:
+        default = not model.changed and row.encoder in {"", encoder, model.name}
+        if default and row.regime == regime:
             chosen.setdefault(model.name, row)
     return chosen
 
