@@ -10,6 +10,7 @@ the gate. It does not seek the largest number of pairs: one pair at 0.1 mm is pr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -196,6 +197,9 @@ class Trials:
                 _lengths(n, **{name: getattr(self, name)})
         if not all((bound > 0).all() for bound in self.bound or ()):  # nor is NaN
             raise ValueError("a bound must be positive")
+        known = all(true.knows_depth for true in self.truth)
+        if known and not all(answer.knows_depth for answer in self.predictions):
+            raise ValueError("a depth is not finite, where the truth knows it")
 
     def __len__(self) -> int:
         return len(self.truth)
@@ -235,7 +239,7 @@ class PlateTrials:
             are of one group.
 
     Raises:
-        ValueError: Lengths do not fit.
+        ValueError: Lengths do not fit, or a predicted pose is not finite.
     """
 
     truth: tuple[PlatePose | None, ...]
@@ -250,6 +254,9 @@ class PlateTrials:
         if self.group:
             _lengths(len(self.truth), group=self.group)
         object.__setattr__(self, "press", np.asarray(self.press))
+        given = [pose for pose in self.predictions if pose is not None]
+        if not all(map(math.isfinite, (v for pose in given for v in (pose.depth, pose.tilt)))):
+            raise ValueError("a plate pose is not finite")
 
     def __len__(self) -> int:
         return len(self.truth)

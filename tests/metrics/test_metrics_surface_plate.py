@@ -106,6 +106,5 @@ def test_plates_against_plain_loops():
 
 @pytest.mark.parametrize("bad", [PlatePose(float("nan"), 0), PlatePose(1, float("inf"))])
 def test_a_plate_that_is_not_finite_is_refused(bad):
-    trials = PlateTrials((PlatePose(1, 2),), (bad,), [0])
     with pytest.raises(ValueError, match="not finite"):
-        score(["depth_mae_mm", "tilt_mae_deg"], trials, rng=np.random.default_rng(0))
+        PlateTrials((PlatePose(1, 2),), (bad,), [0])

@@ -87,7 +87,8 @@ def test_a_row_shows_seeds_mean_interval_spread_misses_and_trivial_rows(fabricat
 
 @pytest.mark.parametrize("protocol", sorted(protocol_files()))
 def test_misses_stand_beside_every_error(protocol):
-    shares = {"missed", "resolved", "coverage"}
+    # Of named places a missed one is an error already: the set is wrong.
+    shares = {"missed", "resolved", "coverage", "exact", "told"}
     for block in board_spec(protocol).blocks:
         metrics = {column.metric for column in block.columns}
         shown = metrics | set(block.below.values())
