@@ -48,7 +48,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_unet": (440, 3),
     "plugins/tactibench_vgnn": (351, 3),
     "tactibench": (850, 11),
-    "tactibench/board": (2096, 12),
+    "tactibench/board": (2097, 12),
     "tactibench/cli": (2145, 12),
     "tactibench/datasets": (5010, 20),
     "tactibench/frames": (1951, 12),

@@ -24,7 +24,7 @@ from tactibench.board.submissions import read_submission, refuse_names, write_su
 from tactibench.board.verification import headline, options_of_test
 from tactibench.errors import UserError
 from tactibench.plugins import PluginHost
-from tactibench.protocols import recorded_version
+from tactibench.protocols import load_protocol, recorded_version
 from tactibench.records import BoundSpec, Metric, Record, Reproduction
 from tactibench.run import (
     Reporter,
@@ -138,11 +138,12 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
         data: Folder of the recording that the run read, or a folder above its recordings.
 
     Raises:
-        UserError: A plugin is not installed or does not have a value of the record, or the
-            recording is not given.
+        UserError: The protocol or a plugin is not installed or does not have a value of the
+            record, or the recording is not given.
     """
+    models = host.models.for_answer(load_protocol(record.protocol.id).spec.answer)
     bound = {
-        "model": BoundSpec.of_record(host.models, record.model),
+        "model": BoundSpec.of_record(models, record.model),
         "sensor": BoundSpec.of_record(host.sensors, record.sensor),
     }
     test = options_of_test(record)

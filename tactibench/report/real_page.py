@@ -88,15 +88,17 @@ def _cell(test: RealTest, model: str) -> Cell:
     error, share = test.error(model), test.share(model)
     if error is None:
         return None
-    text = f"{error.value:.{test.line.decimals}f} {error.unit}".strip()
+    text = _with_unit(test, error.value)
     return text if share is None else Number(share, fixed(3), below=text)
 
 
 def _guess(test: RealTest) -> Cell:
     error = test.error(GUESS)
-    if error is None:
-        return None
-    return f"{error.value:.{test.line.decimals}f} {error.unit}".strip()
+    return None if error is None else _with_unit(test, error.value)
+
+
+def _with_unit(test: RealTest, value: float) -> str:
+    return f"{value:.{test.line.decimals}f} {test.line.unit}".strip()
 
 
 def agreement_table(tests: Iterable[RealTest], simulated: Sequence[Record]) -> Table:

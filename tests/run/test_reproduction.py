@@ -40,6 +40,14 @@ def plugins() -> PluginHost:
     return PluginHost()
 
 
+def test_the_parameters_of_a_row_of_named_places_are_kept(plugins, tmp_path) -> None:
+    path = next((COMMITTED / "sites").glob("sites-kernel-*.json"))
+    record = read_submission(path)
+    record.model.parameters["mixing"] = False
+    request = request_of_record(record, plugins, tmp_path)
+    assert request.parameters["model"] == {"mixing": "False"}
+
+
 def test_a_run_is_made_again_and_noted(submitted, host, tiny) -> None:
     path = submitted(presses=20, parameters={"sensor": {"offset": "2"}})
     trained = len(tiny.TinyModel.fits)
@@ -78,6 +86,7 @@ def test_a_better_error_than_that_of_the_run_is_not_reproduced(submitted, host) 
     assert read_submission(path).reproduced is None
 
 
+@pytest.mark.usefixtures("submitted")  # its protocol is found
 def test_the_request_of_a_record_is_that_of_its_run(run, host, tmp_path) -> None:
     test = TestOptions(parameters={"offset": "3"})
     made = run("exp1", regime="multiple", seed=4, presses=20, test=test).record
@@ -96,6 +105,7 @@ def test_the_request_of_a_record_is_that_of_its_run(run, host, tmp_path) -> None
     assert request_of_record(made, host, folder).data == folder
 
 
+@pytest.mark.usefixtures("submitted")  # its protocol is found
 def test_the_recording_is_found_by_its_name_above_it(run, host, tmp_path) -> None:
     made = run("exp1").record
     recording = {"label": "plates", "sha256": "0" * 64}
