@@ -283,7 +283,8 @@ def _check_tips(
 
 def changes(label: FloatArray) -> bool:
     """Return whether a label changes by more than a robot is off; False where it is not known."""
-    return bool(np.ptp(label) > min(_STILL_MM, _STILL * float(np.abs(label).max())))
+    spread = float(np.ptp(label)) if label.size else 0.0  # a label that is not known
+    return spread > min(_STILL_MM, _STILL * float(np.abs(label).max(initial=0.0)))
 
 
 def cached_report(

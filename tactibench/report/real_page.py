@@ -112,7 +112,7 @@ def agreement_table(tests: Iterable[RealTest], simulated: Sequence[Record]) -> T
     ranking = board_spec(spec.simulated).ranking
     nominal = "all" if ranking is None else ranking.group
     order = partial(simulated_order, simulated)
-    boards = {"the sensor of the training": order(nominal), "unseen sensors": order(UNSEEN)}
+    boards = {"simulated sensor of the training": order(nominal), "unseen ones": order(UNSEEN)}
     rows: list[list[Cell]] = []
     for test in tests:
         found = [agreement(test.order, on_board) for on_board in boards.values()]
@@ -121,6 +121,6 @@ def agreement_table(tests: Iterable[RealTest], simulated: Sequence[Record]) -> T
             taus = [None if one is None else Number(one.tau, fixed(2)) for one in found]
             rows.append([test.recording, test.line.protocol, Number(models, fixed(0)), *taus])
     heads: list[Head] = ["recording", "protocol", Column("models")]
-    heads += [Column(f"tau, simulated {name}") for name in boards]
+    heads += [Column(f"tau: {name}") for name in boards]
     title = "Do simulated boards predict these orders?"
     return table(heads, rows, title=title, notes=[spec.tau_note])

@@ -40,32 +40,38 @@ def sensor_page(report: SensorReport, title: str, facts: str) -> str:
         title: Name of the recording.
         facts: Number and kind of its frames.
     """
-    picture = image_bytes(in_own_style(_figure)(report), "png", 100)
+    known = any(points is not None for points in (report.course, report.presses))
+    picture = image_bytes(in_own_style(_figure)(report), "png", 100) if known else b""
     return render(
         "sensor.html.j2",
         title=title,
         facts=facts,
         limit=report.limit,
         table=sensor_table(report),
-        picture=f"data:image/png;base64,{base64.b64encode(picture).decode()}",
+        picture=base64.b64encode(picture).decode(),
         style=asset("page.css"),
         version=__version__,
     )
 
 
 def _figure(report: SensorReport) -> Figure:
-    figure = new_figure(9.0, 3.4)
-    drift, size = figure.subplots(1, 2)
+    """Return the drift over time and the signal over depth, as far as they are known."""
     unit = f", {report.unit}" if report.unit else ""
-    for axes, points, what, across, up in (
-        (drift, report.course, "drift", "time, from the mean time of the same labels", "drift"),
-        (size, report.presses, "depth and rest frame", "depth, mm", "signal over rest"),
+    panels = [
+        (points, across, up)
+        for points, across, up in (
+            (report.course, "time, from the mean time of the same labels", "drift"),
+            (report.presses, "depth, mm", "signal over rest"),
+        )
+        if points is not None
+    ]
+    figure = new_figure(4.5 * len(panels), 3.4)
+    for axes, (points, across, up) in zip(
+        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
     ):
         plain(axes)
         axes.set(xlabel=across, ylabel=f"{up} (root mean square){unit}")
-        if points is None:
-            axes.text(0.5, 0.5, f"{what}: not known", ha="center", transform=axes.transAxes)
-        elif axes is drift:
+        if points is report.course:
             axes.plot(*points, color="#0072B2", marker="o")
         else:
             thin = np.linspace(0, len(points[0]) - 1, min(len(points[0]), 2000)).astype(int)

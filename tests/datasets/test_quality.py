@@ -18,6 +18,7 @@ from tactibench.datasets import (
     report_sensor,
 )
 from tactibench.png import encode_png
+from tactibench.report import sensor_page
 
 CHANNELS = 30
 
@@ -137,6 +138,20 @@ def test_faults_of_a_skin_are_counted(tmp_path: Path) -> None:
     assert value(report, "times out of order") == 1
     assert value(report, "drift over the recording") == pytest.approx(0.3, rel=0.25)
     assert "9 frames of 600: equal to the one before" in report.limit
+
+
+def test_a_skin_whose_depth_is_not_known_has_a_bound_of_its_places(tmp_path: Path) -> None:
+    poses, values = skin(0.05, 0.0, resting=0)
+    poses = poses[:, :2] + np.random.default_rng(3).normal(scale=1e-3, size=(600, 2))
+    np.savetxt(tmp_path / "field.csv", values, delimiter=",", fmt="%.9g")
+    np.savetxt(tmp_path / "labels.csv", poses, delimiter=",", header="x_mm,y_mm", comments="")
+    options = ImportOptions(
+        channels="field.csv", surface="flat", indenter="single", x="x_mm", y="y_mm"
+    )
+    report = report_sensor(open_recording(tmp_path, options), options)
+    assert {"best possible x", "best possible y"} <= lines(report).keys()
+    assert "best possible depth" not in lines(report)
+    assert "not known" not in sensor_page(report, "skin", "600 frames")
 
 
 def test_the_way_in_and_the_way_out_are_compared(tmp_path: Path) -> None:
