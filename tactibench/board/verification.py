@@ -392,9 +392,9 @@ def _truth(record: Record, frames: FrameSource, counts: tuple[int, ...], limits:
     clusters = [press for frame_set in sets for press in frame_set.clusters]
     if isinstance(frames, TransferFrames):
         _check_same_recording(record, frames)
-        return few_shot_truth(frames.spec.answer, truth, clusters, counts)
+        return few_shot_truth(frames, truth, clusters, counts)
     groups = [group for frame_set in sets for group in frame_set.groups]
-    arrays = truth_arrays(frames.spec.answer, truth, clusters, groups)
+    arrays = truth_arrays(frames, truth, clusters, groups)
     if frames.published:
         protocol = frames.request.protocol
         published = find_published(protocol, frames.request.data, None)
@@ -425,7 +425,7 @@ def _drawn_truth(frames: DrawnFrames, limits: bool) -> Arrays:
     scenes = [scene for frame_set in sets for scene in frame_set.scenes]
     radius = frames.testing.pressed.workspace.dome_radius_mm
     arrays = truth_arrays(
-        frames.spec.answer,
+        frames,
         [true_contacts(scene, radius) for scene in scenes],
         [press for frame_set in sets for press in frame_set.clusters],
         [group for frame_set in sets for group in frame_set.groups],

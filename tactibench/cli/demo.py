@@ -71,7 +71,7 @@ def demo(
         for plan, text in zip(plans, given, strict=True)
     ]
     plan = plans[0]
-    spec = plan.frames.on_range(plan.spec)
+    spec = plan.frames.source.on_range()
     session = _session(plan, subjects)
     sensor = plan.components.sensor
     page = PressPage(
@@ -153,7 +153,7 @@ def _session(plan: RunPlan, subjects: list[Subject]) -> PressSession:
     from tactibench.plugins import SensorContext
 
     sensor = plan.components.sensor
-    spec = plan.frames.on_range(plan.spec)
+    spec = plan.frames.source.on_range()
 
     def make(instance: int) -> Sensor:
         values = dict(sensor.values)

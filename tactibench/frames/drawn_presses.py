@@ -161,6 +161,7 @@ class DrawnFrames(FrameSource):
         assert self.spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
         self.split: Split = self.spec.split
         self.training = SensorFrames(self.spec, request.sensor, request.cache)
+        self.workspace = self.training.sensor.workspace
         self.testing = self.training
         tested, hidden = self.spec, request.hidden
         if hidden is not None:
@@ -197,7 +198,6 @@ class DrawnFrames(FrameSource):
             rejected=self.rejected(),
             sensor_identity=self.training.identity,
             signals=(self.training.sensor.signal, self.testing.sensor.signal),
-            workspace=self.training.sensor.workspace,
             test_identity=None if request.test_sensor is None else self.testing.identity,
         )
 

@@ -245,6 +245,7 @@ class MatchedFrames(FrameSource):
         assert self.spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
         self.split = self.spec.split
         self.recording, self.match = self._matched(request.sensor, request.data)
+        self.workspace = self.recording.sensor.workspace
         self.tested, self.test_match = self.recording, self.match
         if request.test_data is not None:
             self.tested, self.test_match = self._matched(request.tested, request.test_data)
@@ -280,7 +281,6 @@ class MatchedFrames(FrameSource):
             sensor_identity=self.recording.identity,
             test_identity=None if request.test_data is None else self.tested.identity,
             signals=(self.recording.sensor.signal, self.tested.sensor.signal),
-            workspace=self.recording.sensor.workspace,
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:

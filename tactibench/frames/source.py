@@ -185,7 +185,6 @@ class FramePlan:
     sensor_identity: dict[str, Any]
     signals: tuple[str, ...]
     test_identity: dict[str, Any] | None = None
-    workspace: Workspace | None = None
     rejected: int = 0
     folds: tuple[FramePlan, ...] = ()
     calibrated: int = 0
@@ -202,10 +201,6 @@ class FramePlan:
         """Return whether the depth of every press is known."""
         return not any(math.isnan(scene.pose.depth) for frames in self for scene in frames.scenes)
 
-    def on_range(self, spec: Protocol) -> Protocol:
-        """Return a protocol in the range of the training sensor."""
-        return spec if self.workspace is None else in_range(spec, self.workspace)
-
     def training_key(self) -> str:
         """Return the identity of the frames that a model learns from."""
         return combined([f"{frames.role} {frames.key}" for frames in (*self.fit, *self.validation)])
@@ -219,14 +214,20 @@ class FrameSource(ABC):
             smallest possible errors, and how the sensor made its scenes.
         published: Whether the test frames are those of a publication, so that its numbers may be
             compared frame for frame.
+        workspace: Range of the training sensor; None where it is the protocol's.
     """
 
     simulates: bool = False
     published: bool = False
+    workspace: Workspace | None = None
 
     def __init__(self, request: FrameRequest) -> None:
         self.request = request
         self.spec = request.spec
+
+    def on_range(self) -> Protocol:
+        """Return the protocol in the range of the training sensor."""
+        return self.spec if self.workspace is None else in_range(self.spec, self.workspace)
 
     @abstractmethod
     def plan(self) -> FramePlan:

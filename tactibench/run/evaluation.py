@@ -13,7 +13,7 @@ import numpy as np
 
 from tactibench.channels import holds_channels
 from tactibench.contacts import Answer, Contacts, Frame
-from tactibench.frames import Presses, spread, true_answers
+from tactibench.frames import FrameSource, Presses, spread, true_answers
 from tactibench.plugins import Model
 from tactibench.records import Arrays, pack
 from tactibench.run.plan import RunPlan
@@ -102,10 +102,8 @@ class Evaluation:
 
     def truth(self) -> Arrays:
         """Return the true answers, packed, with press and group of every frame."""
-        truth = truth_arrays(self.kind, self.test.truth, self.test.clusters, self.test.groups)
-        if self.plan.frames.workspace is not None:
-            truth["gate"] = np.array(self.plan.frames.on_range(self.plan.spec).test.gate_mm)
-        return truth
+        test, source = self.test, self.plan.frames.source
+        return truth_arrays(source, test.truth, test.clusters, test.groups)
 
     def time(self) -> Speed:
         """Return the model's times for the main test frames."""
@@ -126,17 +124,21 @@ class Evaluation:
 
 
 def truth_arrays(
-    kind: str, answers: Sequence[Answer], clusters: Sequence[str], groups: Sequence[str]
+    source: FrameSource, answers: Sequence[Answer], clusters: Sequence[str], groups: Sequence[str]
 ) -> Arrays:
-    """Return packed answers with ``press`` and ``group`` of every frame.
+    """Return packed answers with ``press`` and ``group`` of every frame; a gate that is its own.
 
     Args:
-        kind: "contacts", "plate" or "sites".
+        source: Source of the frames, whose range the gate grows with.
         answers: True answer to every frame.
         clusters: Press that every frame belongs to.
         groups: Group of every frame.
     """
-    return {**pack(answers, kind), "press": np.array(clusters), "group": np.array(groups)}
+    truth = pack(answers, source.spec.answer)
+    truth |= {"press": np.array(clusters), "group": np.array(groups)}
+    if source.workspace is not None:
+        truth["gate"] = np.array(source.on_range().test.gate_mm)
+    return truth
 
 
 def example_arrays(frames: Sequence[Frame], rows: Sequence[int] | None = None) -> Arrays:
@@ -151,8 +153,5 @@ def example_arrays(frames: Sequence[Frame], rows: Sequence[int] | None = None) -
     """
     rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
     name = "channels" if holds_channels(frames) else "images"
-    arrays: Arrays = {
-        "index": np.array(rows, dtype=np.int64),
-        name: np.stack([frames[row].signal for row in rows]),
-    }
-    return arrays
+    signals = np.stack([frames[row].signal for row in rows])
+    return {"index": np.array(rows, dtype=np.int64), name: signals}

@@ -122,7 +122,7 @@ class RunPlan:
 
     def context(self) -> ModelContext:
         """Return the context in which the model is built."""
-        pressed = self.frames.on_range(self.spec)
+        pressed = self.frames.source.on_range()
         return ModelContext(
             answer=self.spec.answer,
             grid=pressed.grid.grid(),

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import NotFiniteError
-from tactibench.frames import true_answers
+from tactibench.frames import FrameSource, true_answers
 from tactibench.plugins import Model
 from tactibench.records import Arrays, pack
 from tactibench.run.components import cannot_adapt
@@ -119,7 +119,8 @@ class FewShotEvaluation(Evaluation):
 
     def truth(self) -> Arrays:
         """Return the true answers once for each number of labelled frames."""
-        return few_shot_truth(self.kind, self.test.truth, self.test.clusters, self.counts)
+        test, source = self.test, self.plan.frames.source
+        return few_shot_truth(source, test.truth, test.clusters, self.counts)
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
         """Return the frames of the tested sensor that the model was shown, and its choices."""
@@ -139,21 +140,21 @@ def _tested_sensor(counts: list[int], adapted: list[dict[str, Any]], **more: Any
 
 
 def few_shot_truth(
-    kind: str, answers: Sequence[Answer], clusters: Sequence[str], counts: Sequence[int]
+    source: FrameSource, answers: Sequence[Answer], clusters: Sequence[str], counts: Sequence[int]
 ) -> Arrays:
     """Return ``truth_arrays`` of all test frames once for each number of labelled frames.
 
     The number is the group of the frames.
 
     Args:
-        kind: "contacts" or "plate".
+        source: Source of the frames.
         answers: True answer to every test frame.
         clusters: Press that every test frame belongs to.
         counts: Numbers of labelled frames.
     """
     groups = [str(count) for count in counts for _ in answers]
     times = len(counts)
-    return truth_arrays(kind, [*answers] * times, [*clusters] * times, groups)
+    return truth_arrays(source, [*answers] * times, [*clusters] * times, groups)
 
 
 class FoldedEvaluation(Evaluation):

@@ -122,7 +122,7 @@ def test_what_cannot_be_read_is_refused_before_any_work(
 
 def test_a_skin_is_pressed_in_its_own_range(host: PluginHost, tmp_path: Path, skin: Any) -> None:
     made = plan(host, tmp_path, "exp1", "nearest")
-    assert made.frames.workspace == skin.workspace
+    assert made.frames.source.workspace == skin.workspace
     reach = [
         max(abs(scene.pose.x), abs(scene.pose.y))
         for frames in made.frames.test

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Indenter, Pose, Scene, UserError, api
+from tactibench.board import Source, add, verify
 from tactibench.contacts import Workspace
 from tactibench.datasets import Dataset, import_folder, open_recording, own_workspace, read_options
 from tactibench.geometry import true_contacts
+from tactibench.plugins import PluginHost
 from tactibench.protocols import in_range, load_protocol
 from tactibench.records import StoredRun, pack, unpack_contacts
 from tactibench.run import NullReporter, execute
@@ -133,6 +135,14 @@ def test_exp1_scores_what_is_known(skin: Dataset, tmp_path: Path) -> None:
     assert pressed.gate_mm == pytest.approx(3.0 * pressed.half_width_mm / 6.4)
     assert f"depth not known, flat, gate {pressed.gate_mm:.3g} mm" in pressed.text()
     assert api.score(done).differences == ()
+
+
+def test_a_row_is_verified_with_the_gate_of_its_skin(skin: Dataset, tmp_path: Path) -> None:
+    made = api.plan("exp1", "mean", data=skin.folder, store=tmp_path / "runs")
+    record, _ = add(execute(made, NullReporter(), timed=False), tmp_path / "board")
+    verdict = verify(record, Source(PluginHost(), tmp_path / "cache", data=skin.folder))
+    gospa = {row.group: row.value for row in verdict.again if row.metric == "gospa1_mm"}
+    assert gospa["all"] > 3.0  # the gate of the protocol, beyond which no error counts
 
 
 @pytest.mark.long
