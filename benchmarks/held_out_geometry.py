@@ -89,7 +89,7 @@ def main() -> None:
     console, host = Console(), PluginHost()
     spec = load_protocol(PROTOCOL).spec
     sensor_spec = host.sensors[spec.defaults.sensor]
-    with sensor_spec.load()(
+    with sensor_spec.build(
         SensorContext(np.random.SeedSequence(options.draw)), **sensor_spec.settings({})
     ) as sensor:
         tests = {}

@@ -185,7 +185,7 @@ def limit(renderer: Renderer, discs: np.ndarray) -> float:
 
 
 def show_simulated(host: PluginHost, name: str, count: int) -> None:
-    sensor = host.sensors[name].load()(SensorContext(np.random.SeedSequence(7)))
+    sensor = host.sensors[name].build(SensorContext(np.random.SeedSequence(7)))
     assert isinstance(sensor, SimulatedSensor)  # noqa: S101 - both are simulated
     drawn = scenes(np.random.default_rng(11), count)
     images = np.stack([frame.image for frame in sensor.press_many(drawn)])
@@ -237,7 +237,7 @@ def main() -> None:
     for pins in ("331", "127"):
         xy = show_real(pins, options.every)
         if xy is None:
-            image = host.sensors[f"tactip-{pins}"].load()(SensorContext(np.random.SeedSequence(7)))
+            image = host.sensors[f"tactip-{pins}"].build(SensorContext(np.random.SeedSequence(7)))
             rest = Tracker(image.rest().image).rest
             xy = rest + np.random.default_rng(5).normal(0, 0.3, (200, *rest.shape))
         show_graphs(pins, xy[:: max(1, len(xy) // 500)])

@@ -88,7 +88,7 @@ def main() -> None:
     print("model      day          x      y  depth   mean  missed  n")
     for name in given.models:
         spec = host.models[name]
-        model = spec.load()(context, **spec.settings({}))
+        model = spec.build(context, **spec.settings({}))
         training = presses(first, rows(first, set(places) - held - stop))
         model.fit(
             *training,

@@ -103,7 +103,7 @@ def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene]
     if spec.needs_data:
         raise UserError(f"{stored.folder.name} has recorded frames, of which nobody knows a bound.")
     given = {name: str(value) for name, value in stored.record.sensor.parameters.items()}
-    sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings(given))
+    sensor = spec.build(SensorContext(np.random.SeedSequence(0)), **spec.settings(given))
     pressed = pressable(protocol, sensor)
     names = [str(name).rpartition("-") for name in stored.arrays("truth")["press"]]
     draws = {name: draw_scenes(pressed, name).scenes for name in {draw for draw, _, _ in names}}

@@ -21,6 +21,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
                 *training_parameters(mixing=False),
             ),
+            refinable=True,
             answers=("contacts", "plate"),
             max_contacts=1,
         )

@@ -19,6 +19,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("width", 32, "channels of the finest level", choices=(16, 32, 48, 64)),
                 *training_parameters(mixing=True),
             ),
+            refinable=True,
             answers=("contacts", "plate"),
             uses_encoder=True,
             encoders=("mixture",),

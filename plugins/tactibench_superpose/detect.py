@@ -18,8 +18,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.markers import AlignedPins, Similarity
-from tactibench.superposition import Field, Solution, cost_of, solve
+from tactibench.markers import AlignedPins
+from tactibench.superposition import FINISH, STEPS, ContactFit, Field, Found, Solution, solve
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -102,19 +102,6 @@ _PITCH_MM = 0.8
 """Pitch of the lattice on which contacts are first looked for, before refinement."""
 _DEPTHS_MM = (0.3, 0.6, 1.2, 2.4, 4.2)
 """Depths of that lattice, each about twice the one before."""
-_STEPS = 8
-"""Steps of refinement after each insertion; the last solution is then refined further."""
-_FINISH = 12
-"""Steps of the last refinement."""
-_OWN = 0.35
-"""A doubtful pin takes the nearest seen place if that is within this share of the pins' spacing of
-where the contacts put the pin."""
-_DOUBT = 0.04
-"""Weight of a doubtful pin while contacts are looked for: most doubtful pins around a crowd are
-where they should be, and without them nothing would tell what presses there."""
-_ROUNDS, _KEPT, _NEAR = 4, 0.22, 0.5
-"""Rounds in which crowded pins are tracked again. A pin nearer than _KEPT spacings to where it is
-expected starts from where it was; one that ends farther off than _NEAR spacings stays doubtful."""
 SHALLOWEST_MM = (0.15, 0.35)
 """Depths below which a fit is no contact: alone, and beside others, whose misfit it may explain."""
 FIRM = 0.3
@@ -141,67 +128,27 @@ counts less."""
 _TURNS, _ASIDE_MM, _SHARE = 6, 3.5, 0.75
 """A contact is split in this many directions, to this distance on either side, at this share of its
 depth."""
-_MOTIONS = (2.0, 2.0, 0.05, 0.005)
-"""Standard deviations of the image's motion: px along x and y, rad and logarithm of the size. A
-camera that was remounted moves this far; beyond it, pins are mistaken for others anyway."""
-_MOTION_GAIN = 1.6
-"""Factor by which a motion of the image must lower the misfit: with a camera that had not moved,
-single presses reached at most 1.09 and pairs, whose law is not exact, 1.3."""
-_SUSPECT = 1.1
-"""Such a factor from which a frame is searched once more with a motion."""
-_MOTION_ROUNDS, _MOTION_STEPS = 2, 2
-"""Rounds in which a motion is looked for and removed, and steps of the trial whether there is
-one."""
 _FIRST = 50.0
 """chi^2 below which no misfit is worth a contact, however large its share."""
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The contacts of a frame, and the displacements in which they were found.
-
-    Attributes:
-        solution: The contacts of the one frame, their nuisances, and the misfit.
-        share: (K,) shares of the misfit that each contact explains.
-        moved: (Q,) displacements, px.
-        weight: (Q,) 1 / variance, 1 / px^2; 0 for pins that were not sure.
-        cost: The misfit, chi^2, and the nuisances' part (``cost_of``).
-    """
-
-    solution: Solution
-    share: Array
-    moved: Array
-    weight: Array
-    cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Detector:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Detector(ContactFit):
     """A search for the contacts of a frame.
 
     Attributes:
-        field: Field of one contact.
-        pins: The pins of the sensor.
-        weight: (Q,) 1 / variance of the displacements, 1 / px^2.
-        gain: Factor by which a further contact must lower the misfit.
         most: Most contacts of a frame.
         places: (M, 3) contacts on a lattice, mm.
         shapes: (M, Q) displacements by these contacts, px.
         squares: (M, Q) squares of ``shapes``, px^2.
         model_error: The usual residual of several contacts.
-        motions: (R, Q) displacements by each motion of the image that is looked for, px.
     """
 
-    field: Field
-    pins: AlignedPins
-    weight: Array
-    gain: float
     most: int
     places: Array
     shapes: npt.NDArray[np.float32]
     squares: npt.NDArray[np.float32]
     model_error: ModelError
-    motions: Array
 
     @classmethod
     def of(cls, field: Field, pins: AlignedPins, weight: Array, gain: float, most: int) -> Self:
@@ -214,74 +161,38 @@ class Detector:
         depths = np.array([d for d in _DEPTHS_MM if d < high[2]])
         places = np.stack(np.meshgrid(*sides, depths, indexing="ij"), axis=-1).reshape(-1, 3)
         shapes = field(places).astype(np.float32)
-        model_error = ModelError.unknown(weight)
-        motions = np.empty((0, len(weight)))
-        return cls(field, pins, weight, gain, most, places, shapes, shapes**2, model_error, motions)
+        return cls(
+            field=field,
+            pins=pins,
+            weight=weight,
+            gain=gain,
+            motions=np.empty((0, len(weight))),
+            most=most,
+            places=places,
+            shapes=shapes,
+            squares=shapes**2,
+            model_error=ModelError.unknown(weight),
+        )
 
-    def find(self, image: Image, moved: Array, sure: Flags) -> Found:
-        """Return the contacts of one frame.
-
-        Where a motion of the image explains part of the misfit, it is fitted with them.
-
-        Args:
-            image: (H, W) gray.
-            moved: (Q,) displacements, px, as ``AlignedPins.track`` returns them.
-            sure: (P,) whether a pin is surely itself, likewise.
-        """
-        still = self._search(image, moved, sure)
-        tried = replace(self, motions=_motions_of(self.pins.rest))
-        trial = tried._solve(still.moved, still.solution.contacts, still.weight, _MOTION_STEPS)
-        if still.cost < _SUSPECT * self._cost(trial, still.weight):
-            return still
-        for _ in range(_MOTION_ROUNDS):
-            with_motion = tried._search(image, moved, sure)
-            motion = tried._motion(with_motion.solution)
-            places = tried.pins.rest + moved.reshape(2, -1).T
-            moved = (motion.back(places) - tried.pins.rest).T.reshape(-1)
-            tried = replace(tried, pins=tried.pins.moved(motion))
-        # Without the motion, further contacts may have stood for it: each must be worth its gain.
-        more = len(still.share) - len(with_motion.share)
-        worth = _MOTION_GAIN if more <= 0 else 1.0
-        return with_motion if with_motion.cost * worth < still.cost * self.gain**more else still
-
-    def _search(self, image: Image, moved: Array, sure: Flags) -> Found:
+    def search(self, image: Image, moved: Array, sure: Flags) -> Found:
         """Return the contacts of one frame, whose image may move by ``motions`` only.
 
         Doubtful pins wait until contacts are found, which then predict where each pin is.
         """
-        weight = self.weight * np.tile(np.where(sure, 1.0, _DOUBT), 2)
+        weight = self.trusted(sure)
         best = self._insert(moved, weight, self._nothing(moved, weight))
         if best.contacts.size and not sure.all():
-            moved, sure, _ = self._retrack(image, moved, sure, self._likeliest(moved, sure, best))
+            moved, sure, _ = self.retrack(image, moved, sure, self._likeliest(moved, sure, best))
             weight = self.weight * np.tile(sure, 2)
             # From nothing: a contact may have been put where pins were mistaken for others.
             best = self._insert(moved, weight, self._nothing(moved, weight))
         if not best.contacts.size:
-            return Found(best, np.empty(0), moved, weight, self._cost(best, weight))
-        solution = self._solve(moved, best.contacts, weight, _FINISH)
-        without = solution.left + self._own(solution)
-        left = (weight * solution.left**2).sum()
-        share = 1 - left / (weight * without**2).sum(axis=1)
-        return Found(solution, share, moved, weight, self._cost(solution, weight))
+            return Found(best, np.empty(0), moved, weight, self.cost(best, weight))
+        return self.finish(moved, best.contacts, weight)
 
     def _nothing(self, moved: Array, weight: Array) -> Solution:
         """Return the solution without contacts: only the image moves, if it may."""
-        return self._solve(moved, np.zeros((1, 0, 3)), weight, _STEPS)
-
-    def _solve(self, moved: Array, start: Array, weight: Array, steps: int) -> Solution:
-        return solve(self.field, moved[None], start, weight, steps, motions=self.motions)
-
-    def _cost(self, solution: Solution, weight: Array) -> float:
-        return cost_of(solution, weight, self.field.ways)
-
-    def _own(self, solution: Solution) -> Array:
-        """Return the (K, Q) displacements by every contact of the one frame, px."""
-        return self.field(solution.contacts[0], solution.nuisances[0, : self.field.ways])
-
-    def _motion(self, solution: Solution) -> Similarity:
-        """Return the motion of the image that was fitted with the contacts."""
-        x, y, turn, stretch = solution.nuisances[0, self.field.ways :] * _MOTIONS
-        return Similarity.of(np.array([x, y]), turn, stretch, self.pins.rest.mean(axis=0))
+        return self.solve(moved, np.zeros((1, 0, 3)), weight)
 
     def explain(self, images: Image, contacts: Array) -> tuple[Array, Array]:
         """Return the equivalents of true contacts in their frames, and the residuals.
@@ -295,14 +206,14 @@ class Detector:
         """
         moved, sure = self.pins.track(images)
         weight = self.weight * np.tile(sure, (1, 2))
-        best = solve(self.field, moved, contacts, weight, _FINISH)
+        best = solve(self.field, moved, contacts, weight, FINISH)
         equivalents, clear = best.contacts, sure.all(axis=1)
         for row in np.flatnonzero(~clear):
             span = slice(row, row + 1)
             start = Solution(
                 equivalents[span], best.left[span], best.normal[span], best.nuisances[span]
             )
-            _, _, end = self._retrack(images[row], moved[row], sure[row], start)
+            _, _, end = self.retrack(images[row], moved[row], sure[row], start)
             equivalents[row] = end.contacts[0]
         return equivalents, best.left[clear]
 
@@ -332,7 +243,7 @@ class Detector:
             return best
         contacts, nuisances, _ = self._solve_whitened(moved, sure, best)
         likeliest = replace(best, contacts=contacts, nuisances=nuisances)
-        return replace(likeliest, left=moved[None] - self._expected(likeliest))
+        return replace(likeliest, left=moved[None] - self.expected(likeliest))
 
     def _solve_whitened(
         self, moved: Array, sure: Flags, start: Solution
@@ -341,54 +252,18 @@ class Detector:
         whitener = self.model_error.whitener(sure)
         ones = np.ones(whitener.shape[1])
         solution = solve(
-            self.field, moved[None], start.contacts, ones, _STEPS, whitener, self.motions
+            self.field, moved[None], start.contacts, ones, STEPS, whitener, self.motions
         )
-        return solution.contacts, solution.nuisances, self._cost(solution, ones)
-
-    def _expected(self, solution: Solution) -> Array:
-        """Return the (Q,) displacements by contacts and the image's motion together, px."""
-        moving = solution.nuisances[0, self.field.ways :]
-        expected: Array = self._own(solution).sum(axis=0) + moving @ self.motions
-        return expected
-
-    def _retrack(
-        self, image: Image, moved: Array, sure: Flags, best: Solution
-    ) -> tuple[Array, Flags, Solution]:
-        """Track pins again from where the contacts put them.
-
-        This is repeated, because better contacts put the pins of a crowd better.
-
-        Returns:
-            (Q,) displacements, px; (P,) whether a pin is sure; and the contacts.
-        """
-        for turn in range(_ROUNDS):
-            expected = self._expected(best)
-            near = sure if turn == 0 else self._distance(moved, expected) < _KEPT
-            start = np.where(np.tile(near, 2), moved, expected)
-            again, seen = self.pins.retrack(image[None], start[None])
-            if not seen.any():  # pins without a profile can only take places that were seen
-                moved, sure = self._assign_seen(moved, sure, expected)
-            else:
-                moved, sure = again[0], seen[0] & (self._distance(again[0], expected) < _NEAR)
-            weight = self.weight * np.tile(sure, 2)
-            best = self._solve(moved, best.contacts, weight, _STEPS)
-            if not seen.any():
-                break
-        return moved, sure, best
-
-    def _distance(self, moved: Array, expected: Array) -> Array:
-        """Return the (P,) distances of pins from their expected places, in spacings."""
-        distance: Array = np.hypot(*(moved - expected).reshape(2, -1)) / self.pins.pitch
-        return distance
+        return solution.contacts, solution.nuisances, self.cost(solution, ones)
 
     def _add_contact(self, moved: Array, weight: Array, current: Solution) -> Solution | None:
         """Return the best solution with a new contact, else with one split in two, else None."""
-        cost = self._cost(current, weight)
+        cost = self.cost(current, weight)
         if cost < _NOISE * (weight / self.weight).sum():
             return None
         worth = _WORTH * (1 - 1 / self.gain) * cost
         for starts in (self._new(weight, current, worth), self._splits(weight, current)):
-            ends = [self._solve(moved, start, weight, _STEPS) for start in starts]
+            ends = [self.solve(moved, start, weight) for start in starts]
             accepted = self._accept(ends, moved, weight, current)
             if accepted is not None:
                 return accepted
@@ -404,7 +279,7 @@ class Detector:
 
         Two contacts that were taken for one lie on either side of it, too near to be found as new.
         """
-        displaced, z = self._own(current), current.nuisances[0, : self.field.ways]
+        displaced, z = self.own(current), current.nuisances[0, : self.field.ways]
         for k in range(current.contacts.shape[1]):
             others = np.delete(current.contacts[0], k, axis=0)
             x, y, depth = current.contacts[0, k]
@@ -426,27 +301,14 @@ class Detector:
         self, ends: list[Solution], moved: Array, weight: Array, current: Solution
     ) -> Solution | None:
         """Return the plausible solution of least misfit, or None if it is not enough better."""
-        cost = self._cost(current, weight)
+        cost = self.cost(current, weight)
         gain = self.gain * (_CROWD if current.contacts.shape[1] > 1 else 1.0)
-        for end in sorted(ends, key=lambda end: self._cost(end, weight)):
-            if cost < max(gain * self._cost(end, weight), _FIRST):
+        for end in sorted(ends, key=lambda end: self.cost(end, weight)):
+            if cost < max(gain * self.cost(end, weight), _FIRST):
                 return None
             if self._plausible(end.contacts[0]) and self._surer(moved, weight, current, end):
                 return end
         return None
-
-    def _assign_seen(self, moved: Array, sure: Flags, expected: Array) -> tuple[Array, Flags]:
-        """Assign to doubtful pins the seen places near to where the contacts put them."""
-        seen = self.pins.rest + moved.reshape(2, -1).T
-        wanted = self.pins.rest + expected.reshape(2, -1).T
-        doubtful = np.flatnonzero(~sure)
-        apart = np.hypot(*(wanted[doubtful, None] - seen).transpose(2, 0, 1))
-        nearest = apart.argmin(axis=1)
-        near = apart[np.arange(len(doubtful)), nearest] < _OWN * self.pins.pitch
-        assigned, assured = moved.reshape(2, -1).copy(), sure.copy()
-        assigned[:, doubtful[near]] = (seen[nearest[near]] - self.pins.rest[doubtful[near]]).T
-        assured[doubtful[near]] = True
-        return assigned.reshape(-1), assured
 
     def _candidates(self, current: Solution, weight: Array, worth: float) -> list[Array]:
         """Return lattice contacts (1, 1, 3) that lower the misfit most, apart from each other."""
@@ -469,11 +331,3 @@ class Detector:
             return False
         apart = np.hypot(*(contacts[:, None, :2] - contacts[None, :, :2]).transpose(2, 0, 1))
         return not (apart[np.triu_indices(len(contacts), 1)] < CLOSEST_MM).any()
-
-
-def _motions_of(rest: Array) -> Array:
-    """Return (4, Q) displacements, px, of pins (P, 2) by image motions of one deviation each."""
-    x, y = (rest - rest.mean(axis=0)).T
-    ones, zeros = np.ones_like(x), np.zeros_like(x)
-    ways = [(ones, zeros), (zeros, ones), (-y, x), (x, y)]
-    return np.stack([size * np.concatenate(way) for size, way in zip(_MOTIONS, ways, strict=True)])

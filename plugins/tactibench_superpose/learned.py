@@ -22,7 +22,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.superposition import Clues, Field, FieldFamily, NeighbourLaw, Residual, hold_of
+from tactibench.superposition import FieldFamily, NeighbourLaw, Residual, hold_of
 from tactibench_superpose.detect import ModelError
 
 Array = npt.NDArray[np.float64]
@@ -200,15 +200,9 @@ class Learned:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return all results as arrays by name."""
-        family, residual = self.family, self.residual
+        residual = self.residual
         return {
-            "coefficients": family.field.coefficients,
-            "low": family.field.low,
-            "step": family.field.step,
-            "rests": family.clues.mean,
-            "clues": family.clues.axes,
-            "numbers": family.slopes,
-            "numbers_covariance": family.covariance,
+            **self.family.arrays(),
             "weight": self.weight,
             "still": self.rest_image,
             "pair": self.law.pair,
@@ -224,13 +218,10 @@ class Learned:
     @classmethod
     def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
         """Return the results from what ``arrays`` returned."""
-        covariance, weight = arrays["numbers_covariance"], arrays["weight"]
-        ways = arrays["coefficients"].shape[3] // len(weight) - 1
-        field = Field(arrays["coefficients"], arrays["low"], arrays["step"], ways)
-        clues = Clues(arrays["rests"], arrays["clues"])
+        weight = arrays["weight"]
         pairs = arrays["pairs"], arrays["pairs_along"], arrays["pairs_across"]
         return cls(
-            FieldFamily(field, clues, arrays["numbers"], covariance),
+            FieldFamily.of(arrays, len(weight)),
             arrays["still"],
             weight,
             ModelError(arrays["unexplained"], np.sqrt(weight)),

@@ -1,7 +1,5 @@
 """The model ``superpose``: pins -> contacts, by least squares on fields of single presses.
 
-Frames with one contact, on one sensor or on several.
-
 Presses with several contacts: their equivalents, and the laws learned from them.
 """
 
@@ -32,54 +30,22 @@ from tactibench import (
 from tactibench.markers import AlignedSensors, PinTracker
 from tactibench.superposition import (
     SENSORS_A_WAY,
-    FieldFamily,
+    Found,
     NeighbourLaw,
     Residual,
+    SinglePresses,
+    TrackedFrame,
     contact_array,
     drag_clue,
+    noise_weight,
     nominal_inverse_law,
-    single_press_rows,
+    track,
 )
 from tactibench.training import load_weights, save_weights
-from tactibench_superpose.detect import FIRM, Detector, Found, ModelError
+from tactibench_superpose.detect import FIRM, Detector, ModelError
 from tactibench_superpose.learned import GROUPS, ErrorCauses, Learned, nominal_spread
 
 Array = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class SinglePresses:
-    """Frames with one contact.
-
-    Attributes:
-        frames: N frames.
-        contacts: (N, 3) x, y, depth, mm.
-        moved: (N, Q) displacements of the pins, px of the layout.
-        sensors: (N,) numbers of the sensors.
-    """
-
-    frames: list[Frame]
-    contacts: Array
-    moved: Array
-    sensors: npt.NDArray[np.intp]
-
-    def parted(self, sensors: npt.NDArray[np.intp]) -> tuple[SinglePresses, SinglePresses]:
-        """Return the presses on all other sensors, and those on the given sensors."""
-        given = np.isin(self.sensors, sensors)
-        return self._some(~given), self._some(given)
-
-    def with_others(self, other: SinglePresses) -> SinglePresses:
-        """Return these presses and the others together."""
-        return SinglePresses(
-            self.frames + other.frames,
-            np.concatenate([self.contacts, other.contacts]),
-            np.concatenate([self.moved, other.moved]),
-            np.concatenate([self.sensors, other.sensors]),
-        )
-
-    def _some(self, rows: npt.NDArray[np.bool_]) -> SinglePresses:
-        frames = [frame for frame, keep in zip(self.frames, rows, strict=True) if keep]
-        return SinglePresses(frames, self.contacts[rows], self.moved[rows], self.sensors[rows])
 
 
 Rows = npt.NDArray[np.intp]
@@ -138,10 +104,6 @@ def learn_laws(
 
 
 Known = TypeVar("Known")
-Image = npt.NDArray[np.uint8]
-
-_QUIETEST_PX = 0.003
-"""Least standard deviation that a displacement is assumed to have."""
 _HELD_OUT = 8
 """One in this many training presses with several contacts is left out of the law, to measure the
 errors of answers, and one in this many training sensors is left out of the fields. With every
@@ -150,23 +112,6 @@ _PRIORS: dict[str, Prior] = {"dome": "nominal mechanics", "none": "plain additio
 """Parameter ``neighbours`` -> what the model knew before it saw frames, as a row states it."""
 _KEPT = 2
 """Number of sensors whose fields stay in memory, 100 MB each where they vary."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Pins:
-    """The pins of a frame.
-
-    Attributes:
-        sensor: Number of the frame's sensor.
-        image: (side, side) gray.
-        moved: (Q,) displacements, px of the layout.
-        sure: (P,) whether a pin is surely itself.
-    """
-
-    sensor: int
-    image: Image
-    moved: Array
-    sure: npt.NDArray[np.bool_]
 
 
 class Superpose(Model):
@@ -218,8 +163,8 @@ class Superpose(Model):
         progress.start(1, 1)
         self._see(AlignedSensors.of(frames))
         pins = self._sensors.first
-        single = self._single_presses(frames, truth)
-        tested = self._single_presses(*validation)
+        single = SinglePresses.of(self._sensors, frames, truth)
+        tested = SinglePresses.of(self._sensors, *validation)
         sensor_count = len(np.unique(single.sensors))
         # Of many sensors, errors are measured on those from which the fields were not learned.
         leaves_out = sensor_count >= 2 * SENSORS_A_WAY
@@ -228,12 +173,9 @@ class Superpose(Model):
             strange = np.unique(single.sensors)[::_HELD_OUT]
             learned_from, left_out = single.parted(strange)
             tested = left_out.with_others(tested.parted(strange)[1])
-        family = self._learn_family(learned_from)
-        residual = self._unexplained(family, tested)
-        weight = np.full(2 * len(pins.rest), 1 / _QUIETEST_PX**2)
-        if len(residual):
-            # Robust: a pin that was mistaken for another in one frame is no noise.
-            weight = 1 / np.maximum(1.4826 * np.median(np.abs(residual), axis=0), _QUIETEST_PX) ** 2
+        family = learned_from.learn_family()
+        residual = tested.unexplained(family)
+        weight = noise_weight(residual)
         unknown, spread = ModelError.unknown(weight), nominal_spread()
         nothing = NeighbourLaw.none(), Residual.none()
         self._use(Learned(family, pins.rest_image, weight, unknown, *nothing, spread))
@@ -257,7 +199,7 @@ class Superpose(Model):
             errors = self.errors([frames[int(row)] for row in some], true)
             spread = spread.with_group(min(true.shape[1], GROUPS), *errors)
         if leaves_out:
-            family = self._learn_family(single)
+            family = single.learn_family()
         laws = self._learn_laws(groups)
         self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))
         progress.step(float(np.mean(residual**2)) if len(residual) else 0.0)
@@ -270,36 +212,10 @@ class Superpose(Model):
             notes |= {"sensors": sensor_count, "numbers_a_sensor": len(family.covariance)}
         return FitReport(1, time.perf_counter() - began, notes=notes, prior=prior)
 
-    def _single_presses(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> SinglePresses:
-        rows = single_press_rows(truth)
-        singles = [frames[int(row)] for row in rows]
-        contacts = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
-        sensors = np.array([self._sensors.number(frame) for frame in singles], dtype=np.intp)
-        moved = np.empty((len(singles), 2 * len(self._sensors[0].rest)))
-        for row, pins in enumerate(self._pins(singles)):
-            moved[row] = pins.moved
-        return SinglePresses(singles, contacts, moved, sensors)
-
-    def _learn_family(self, presses: SinglePresses) -> FieldFamily:
-        numbers, sensors = np.unique(presses.sensors, return_inverse=True)
-        rests = np.array([self._sensors[int(number)].layout_clues for number in numbers])
-        count = len(self._sensors.first.rest)
-        return FieldFamily.learn(presses.contacts, presses.moved, sensors, rests, count)
-
-    def _unexplained(self, family: FieldFamily, presses: SinglePresses) -> Array:
-        """Return the (N, Q) residuals of presses, px, with all numbers fitted to them."""
-        left = np.empty_like(presses.moved)
-        for number in np.unique(presses.sensors):
-            rows = presses.sensors == number
-            labelled = presses.contacts[rows], presses.moved[rows]
-            field = family.of_sensor(self._sensors[int(number)].layout_clues, *labelled)
-            left[rows] = field.residual(*labelled)
-        return left
-
     def _see(self, sensors: AlignedSensors) -> None:
         """Begin with the first training sensor, whose pins are the layout of all."""
         self._seen = sensors
-        self._shown: dict[int, tuple[Array, Array]] = {}
+        self._shown: dict[int, list[Array]] = {}
 
     def _use(self, learned: Learned) -> None:
         self._learned = learned
@@ -376,22 +292,14 @@ class Superpose(Model):
         self._use(self._ready())
         if not len(self._ready().family.covariance):
             return None
-        presses = self._single_presses(frames, truth)
-        for number in np.unique(presses.sensors):
-            rows = presses.sensors == number
-            self._shown[int(number)] = presses.contacts[rows], presses.moved[rows]
+        presses = SinglePresses.of(self._sensors, frames, truth)
+        self._shown = {number: labelled for number, *labelled in presses.by_sensor()}
         return {"single_presses": len(presses.frames)}
 
-    def _pins(self, frames: Sequence[Frame]) -> list[_Pins]:
-        out: list[_Pins | None] = [None] * len(frames)
-        for number, rows in self._sensors.rows(frames).items():
-            sensor = self._sensors[number]
-            images = sensor.pins.images([frames[row] for row in rows])
-            for row, image, moved, sure in zip(rows, images, *sensor.track(images), strict=True):
-                out[row] = _Pins(number, image, moved, sure)
-        return [pins for pins in out if pins is not None]
+    def _pins(self, frames: Sequence[Frame]) -> list[TrackedFrame]:
+        return track(self._sensors, frames)
 
-    def _fit(self, frames: Sequence[_Pins]) -> list[Found]:
+    def _fit(self, frames: Sequence[TrackedFrame]) -> list[Found]:
         results: list[Found | None] = [None] * len(frames)
         # Sensor by sensor, because only the fields of a few sensors stay in memory.
         for row in sorted(range(len(frames)), key=lambda row: frames[row].sensor):

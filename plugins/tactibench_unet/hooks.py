@@ -44,6 +44,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     high=1.0,
                 ),
             ),
+            refinable=True,
             answers=("contacts", "plate"),
             max_contacts=None,
             uses_encoder=True,

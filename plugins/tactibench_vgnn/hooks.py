@@ -20,6 +20,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("layers", 4, "rounds of message passing", low=1, high=16),
                 *training_parameters(mixing=True),
             ),
+            refinable=True,
             answers=("contacts", "plate"),
         )
     ]

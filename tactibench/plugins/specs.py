@@ -147,6 +147,17 @@ def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
     return (epochs, precision, mixed_frames) if mixing else (epochs, precision)
 
 
+_REFINE = Parameter(
+    "refine",
+    "none",
+    "fields: contacts are fitted to the pins by fields of single presses, and dropped where no "
+    "field explains them",
+    choices=("none", "fields"),
+)
+_REFINED = "tactibench.training:RefinedModel"
+"""Class that refines another model's contacts. Packages above this one are named as targets are."""
+
+
 @dataclass(frozen=True)
 class _Spec(Generic[T]):
     """The fields that models, sensors and encoders have in common.
@@ -252,6 +263,8 @@ class ModelSpec(_Spec["Model"]):
             of such a model is enough, if it ships with tactibench.
         of_sites: The model that has this name where named places are asked for, with parameters of
             its own; None: it is this one, if any.
+        refinable: Whether its contacts on images can be refined by fields of single presses, with
+            the parameter ``refine``. The model itself is not built with this parameter.
     """
 
     _BASE = "Model"
@@ -267,8 +280,11 @@ class ModelSpec(_Spec["Model"]):
     )
     deterministic: bool = field(default=False, kw_only=True)
     of_sites: ModelSpec | None = field(default=None, kw_only=True)
+    refinable: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        if self.refinable:
+            object.__setattr__(self, "parameters", (*self.parameters, _REFINE))
         super().__post_init__()
         _require_allowed(self.name, "answers", self.answers, ANSWERS)
         _require_allowed(self.name, "reads", self.reads, SIGNALS)
@@ -280,6 +296,22 @@ class ModelSpec(_Spec["Model"]):
                 )
             for name, value in values.items():
                 by_name[name].check(value)
+
+    def build(self, *context: Any, **values: Any) -> Model:
+        """Import the class and make an instance, whose contacts are refined where that is asked.
+
+        Raises:
+            UserError: The class cannot be used, a parameter is unknown, or a value is not allowed.
+        """
+        self.check(values)
+        refines = self.refinable and values.pop(_REFINE.name, "none") != "none"
+        model = super().build(*context, **values)
+        if not refines:
+            return model
+        from tactibench.plugins import base
+
+        wrapper: Callable[..., Model] = import_target(self.name, _REFINED, base.Model)
+        return wrapper(model, *context)
 
     def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""

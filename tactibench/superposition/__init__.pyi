@@ -1,6 +1,10 @@
 """Public names of tactibench.superposition, and the modules that define them."""
 
 from .compiled import hold_of as hold_of
+from .contact_fit import FINISH as FINISH
+from .contact_fit import STEPS as STEPS
+from .contact_fit import ContactFit as ContactFit
+from .contact_fit import Found as Found
 from .field import FEWEST as FEWEST
 from .field import MARGIN_MM as MARGIN_MM
 from .field import PITCH_MM as PITCH_MM
@@ -27,3 +31,11 @@ from .neighbours import Residual as Residual
 from .neighbours import nominal_inverse_law as nominal_inverse_law
 from .neighbours import nominal_law as nominal_law
 from .neighbours import recombined as recombined
+from .refinement import DEPTHS as DEPTHS
+from .refinement import REACH_MM as REACH_MM
+from .refinement import SHARE as SHARE
+from .refinement import Refinement as Refinement
+from .single_presses import SinglePresses as SinglePresses
+from .single_presses import TrackedFrame as TrackedFrame
+from .single_presses import noise_weight as noise_weight
+from .single_presses import track as track

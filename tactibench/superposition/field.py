@@ -37,9 +37,9 @@ is correlated, so the sensor's part of |n|^2 then counts more (``compiled.hold_o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -290,6 +290,26 @@ class FieldFamily:
         left = z - seen @ slopes
         covariance: Array = left.T @ left / len(left) + 1e-3 * np.eye(ways)
         return cls(field, clues, slopes, covariance)
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the family as arrays by name."""
+        return {
+            "coefficients": self.field.coefficients,
+            "low": self.field.low,
+            "step": self.field.step,
+            "rests": self.clues.mean,
+            "clues": self.clues.axes,
+            "numbers": self.slopes,
+            "numbers_covariance": self.covariance,
+        }
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, npt.NDArray[Any]], quantities: int) -> Self:
+        """Return the family of Q quantities from what ``arrays`` returned."""
+        ways = arrays["coefficients"].shape[3] // quantities - 1
+        field = Field(arrays["coefficients"], arrays["low"], arrays["step"], ways)
+        clues = Clues(arrays["rests"], arrays["clues"])
+        return cls(field, clues, arrays["numbers"], arrays["numbers_covariance"])
 
     def of_sensor(
         self, rest: Array, contacts: Array | None = None, values: Array | None = None

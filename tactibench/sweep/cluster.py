@@ -273,8 +273,11 @@ def _finished(client: Any, futures: Iterable[Any]) -> Iterator[Any]:
                 "the connection to the scheduler was lost; finished runs are kept, the same "
                 "command continues."
             )
-        yield from [future for future in waiting if future.done()]
-        waiting = [future for future in waiting if not future.done()]
+        finished = [
+            future for future in waiting if future.done()
+        ]  # asked once: others end meanwhile
+        waiting = [future for future in waiting if future not in finished]
+        yield from finished
 
 
 def _has_gpu(client: Any) -> bool:

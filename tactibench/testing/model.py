@@ -11,12 +11,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
 from tactibench.contacts import Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.plugins import IMAGE, FitReport
+from tactibench.superposition import REACH_MM, Refinement
 from tactibench.testing.subjects import (
+    FIT,
     SEED,
+    VALIDATION,
     Failed,
     ModelSubject,
     NotApplicable,
@@ -208,6 +212,23 @@ def stages(subject: ModelSubject) -> None:
             raise Failed(f"the last stage gave a {type(value).__name__}, no list")
         gap = difference(subject.check_answers(value, len(frames)), subject.answers[: len(frames)])
         require(gap <= CLOSE, f"the answers of the stages differ from predict's by {gap:.3g}")
+
+
+def refinement(subject: ModelSubject) -> None:
+    """Refined contacts are some of the model's own, none moved farther than the stated reach."""
+    if not subject.spec.refinable or subject.answer_kind != "contacts":
+        raise NotApplicable("its contacts are not refined")
+    shown = subject.examples[:FIT], subject.examples[FIT : FIT + VALIDATION]
+    (frames, truth), validation = ((list(part.frames), list(part.truth)) for part in shown)
+    refine = Refinement.learn(frames, truth, validation)
+    refined = refine(list(subject.test_examples.frames), subject.answers)
+    for before, after in zip(subject.answers, refined, strict=True):
+        if not isinstance(before, Contacts) or not isinstance(after, Contacts):
+            raise Failed(f"a refined answer is of type {type(after).__name__}")
+        require(len(after) <= len(before), "a contact was added")
+        moved = np.linalg.norm(after.xy[:, None] - before.xy[None], axis=2)
+        farthest = moved[linear_sum_assignment(moved)].max(initial=0.0)
+        require(farthest <= REACH_MM, f"a contact moved {farthest:.2f} mm")
 
 
 def adapt(subject: ModelSubject) -> None:

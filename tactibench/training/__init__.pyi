@@ -26,6 +26,7 @@ from .recipe import RECIPES as RECIPES
 from .recipe import Recipe as Recipe
 from .recipe import Seeds as Seeds
 from .recipe import torch_seed as torch_seed
+from .refined import RefinedModel as RefinedModel
 from .sites import SiteModel as SiteModel
 from .targets import ANSWER_WIDTH as ANSWER_WIDTH
 from .targets import Examples as Examples

@@ -31,7 +31,7 @@ def trained(request: pytest.FixtureRequest, host: PluginHost, press_skin: Any) -
     values = {**spec.settings({}), **MODELS[request.param]}
 
     def build() -> Any:
-        return spec.load()(CONTEXT, **values)
+        return spec.build(CONTEXT, **values)
 
     model = build()
     frames, truth = press_skin(200, 1)

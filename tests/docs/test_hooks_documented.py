@@ -25,9 +25,9 @@ GRID = Grid.centred(64, 0.4)
 
 def a_model_answers(host: PluginHost, folder: Path) -> None:
     spec = host.models["apex"]
-    model = spec.load()(ModelContext("contacts", GRID, 6.0), **spec.settings({"depth": "2.5"}))
+    model = spec.build(ModelContext("contacts", GRID, 6.0), **spec.settings({"depth": "2.5"}))
     model.save(folder)
-    other = spec.load()(ModelContext("contacts", GRID, 6.0))
+    other = spec.build(ModelContext("contacts", GRID, 6.0))
     other.load(folder)
     (answer,) = other.predict([None])
     assert (answer.xy.tolist(), answer.depth.tolist()) == ([[0.0, 0.0]], [2.5])
@@ -38,7 +38,7 @@ def a_model_answers(host: PluginHost, folder: Path) -> None:
 
 
 def a_sensor_presses(host: PluginHost, _: Path) -> None:
-    with host.sensors["lamp"].load()(SensorContext(np.random.SeedSequence(0))) as sensor:
+    with host.sensors["lamp"].build(SensorContext(np.random.SeedSequence(0))) as sensor:
         (frame,) = sensor.press_many([Scene(Indenter.single(), Pose(x=5.0, y=-5.0, depth=1.0))])
         row, column = np.argwhere(frame.image).mean(axis=0) / frame.image.shape[0]
         assert column > 0.7  # x right
@@ -49,7 +49,7 @@ def a_sensor_presses(host: PluginHost, _: Path) -> None:
 
 
 def an_encoder_comes_back(host: PluginHost, _: Path) -> None:
-    encoder = host.encoders["cell"].load()()
+    encoder = host.encoders["cell"].build()
     truth = Contacts.truth([[1.0, -2.0], [-3.0, 4.0]], [5.0, 2.0])
     (back,) = encoder.decode_batch(encoder.encode(truth, GRID)[None], GRID)
     assert np.abs(back.xy - truth.xy).max() <= encoder.tolerance

@@ -23,9 +23,9 @@ KINDS = [torch.float32, torch.bfloat16]
 @pytest.fixture(scope="module")
 def models() -> dict[str, Any]:
     host = PluginHost()
-    hertz = host.encoders["hertz"].load()()
+    hertz = host.encoders["hertz"].build()
     return {
-        name: host.models[name].load()(ModelContext("contacts", GRID, 6.0, encoder))
+        name: host.models[name].build(ModelContext("contacts", GRID, 6.0, encoder))
         for name, encoder in (("unet", hertz), ("cnn", None), ("pins", None))
     }
 

@@ -26,7 +26,7 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 def encoders() -> dict[str, Any]:
     host = PluginHost()
     assert {name for name, _ in KINDS.values()} == {spec.name for spec in host.encoders}
-    return {kind: host.encoders[name].load()(**more) for kind, (name, more) in KINDS.items()}
+    return {kind: host.encoders[name].build(**more) for kind, (name, more) in KINDS.items()}
 
 
 @pytest.fixture(params=KINDS)
@@ -90,7 +90,7 @@ def test_the_narrowest_and_the_widest_kernels_give_finite_maps_and_contacts(
     name: str, values: dict[str, float]
 ) -> None:
     reach = {"reach": 4.0} if name in ("depth", "offset") else {}
-    encoder = PluginHost().encoders[name].load()(**{**reach, **values})
+    encoder = PluginHost().encoders[name].build(**{**reach, **values})
     for place in (GRID.xy(16, 16), GRID.xy(16.5, 16.5), GRID.xy(0, 0)):
         maps = encoder.encode(Contacts.truth([place], [3.0]), GRID)
         assert np.isfinite(maps).all()

@@ -63,7 +63,7 @@ def test_it_shares_no_press_with_another_protocol() -> None:
 
 def test_the_default_encoder_reads_every_pair_as_two_on_the_grid() -> None:
     """Exact maps of the nearest tips; the outermost lie two widths of a peak inside the grid."""
-    encoder = PluginHost().encoders[SPEC.defaults.encoder].load()()
+    encoder = PluginHost().encoders[SPEC.defaults.encoder].build()
     grid = SPEC.grid.grid()
     pairs = truths(drawn_by("pairs"))
     for true in [*pairs[-10:], *pairs[:10]]:

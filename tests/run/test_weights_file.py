@@ -210,9 +210,9 @@ def test_a_model_that_is_no_network_is_refused(tmp_path: Path) -> None:
 @pytest.fixture
 def unet() -> Any:
     host = PluginHost()
-    context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0, host.encoders["hertz"].load()())
+    context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0, host.encoders["hertz"].build())
     values = host.models["unet"].settings({})
-    return host.models["unet"].load()(context, **values)
+    return host.models["unet"].build(context, **values)
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ CASES = {
 def made(case, seed=7, threads=1, **parameters):
     spec = SPECS.get(case, SPECS["tactip-127"])
     given = {"size": 64} | CASES.get(case, {}) | parameters
-    sensor = spec.load()(SensorContext(np.random.SeedSequence(seed)), **given)
+    sensor = spec.build(SensorContext(np.random.SeedSequence(seed)), **given)
     sensor.threads = threads or sensor.threads
     return sensor
 
@@ -174,8 +174,8 @@ def test_describe_is_json_and_tells_sensors_apart(case):
 @pytest.mark.parametrize("name", SPECS)
 def test_the_specs_fit_the_classes(name):
     spec = SPECS[name]
-    built = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings({}))
-    assert built.describe() == spec.load()(SensorContext(np.random.SeedSequence(0))).describe()
+    built = spec.build(SensorContext(np.random.SeedSequence(0)), **spec.settings({}))
+    assert built.describe() == spec.build(SensorContext(np.random.SeedSequence(0))).describe()
     assert spec.name == built.describe()["sensor"]
 
 

@@ -41,7 +41,7 @@ def presses(host):
     rng = np.random.default_rng(1)
     # Long pins crowd; the law is that of presses without friction.
     settings = spec.settings({"friction": "0", "pin_length": "2"})
-    sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **settings)
+    sensor = spec.build(SensorContext(np.random.SeedSequence(0)), **settings)
     found = {}
     with sensor:
         for name, count in SETS.items():
@@ -62,7 +62,7 @@ def make(host):
     def _make(**parameters):
         context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0)
         given = {name: str(value) for name, value in parameters.items()}
-        return spec.load()(context, **spec.settings(given))
+        return spec.build(context, **spec.settings(given))
 
     return _make
 

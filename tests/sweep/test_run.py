@@ -39,11 +39,14 @@ def cell(name: str, device: str = "cpu") -> Cell:
 
 
 class Task:
+    """Ends between the first and the second time that it is asked: none is forgotten."""
+
     def __init__(self, value: Any) -> None:
-        self.value = value
+        self.value, self.asked = value, 0
 
     def done(self) -> bool:
-        return True
+        self.asked += 1
+        return self.asked > 1
 
     def result(self) -> Any:
         if isinstance(self.value, Exception):

@@ -213,12 +213,12 @@ every = pytest.mark.parametrize("name", SMALL)
 def make_reader():
     host = PluginHost()
     encoder = host.encoders["mixture"]
-    read = encoder.load()(**encoder.settings({}))
+    read = encoder.build(**encoder.settings({}))
 
     def _make(name):
         spec = host.models[name]
         context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0, read)
-        return spec.load()(context, **spec.settings(SMALL[name]))
+        return spec.build(context, **spec.settings(SMALL[name]))
 
     return _make
 

@@ -1,0 +1,164 @@
+"""Refinement: the contacts that a model found, fitted to the pins by fields of single presses.
+
+A network says how many contacts there are and about where; the fit says exactly where, and drops
+what no field explains. A contact is never added, and none moves by more than ``REACH_MM``.
+
+    contact of the model -> equivalent -> least squares of superposed fields -> contact
+
+The law of neighbours (``nominal_law``) leads to the equivalents, its inverse back. Friction is a
+number of each press that is fitted with them, and so is the motion of the image, where it explains
+much (``ContactFit.find``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Answer, Contacts, Frame
+from tactibench.errors import UserError
+from tactibench.markers import AlignedSensors
+from tactibench.superposition.contact_fit import ContactFit, Found
+from tactibench.superposition.field import Field, FieldFamily, drag_clue
+from tactibench.superposition.neighbours import nominal_inverse_law, nominal_law
+from tactibench.superposition.single_presses import (
+    SinglePresses,
+    TrackedFrame,
+    noise_weight,
+    track,
+)
+
+Array = npt.NDArray[np.float64]
+
+REACH_MM = 1.0
+"""Farthest that a contact moves. A network trained on single presses is seldom off by half of it,
+and two tips are never nearer to each other than five times of it."""
+SHARE = 0.2
+"""Least share of the misfit that a contact explains."""
+DEPTHS = (0.4, 2.5)
+"""Least and greatest factor on the depth of a contact."""
+_GAIN = 1.2
+"""Factor by which one contact more must lower the misfit, where a motion of the image is tried."""
+_KEPT = 2
+"""Number of sensors whose fields stay in memory, 100 MB each where they vary."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LocalFit(ContactFit):
+    """The fit of given contacts.
+
+    Attributes:
+        start: (1, K, 3) x, y and depth of equivalents at which it starts, mm.
+    """
+
+    start: Array
+
+    def search(
+        self, image: npt.NDArray[np.uint8], moved: Array, sure: npt.NDArray[np.bool_]
+    ) -> Found:
+        """Return the contacts near the start; pins in doubt are looked for where they put them."""
+        weight = self.trusted(sure)
+        best = self.solve(moved, self.start, weight)
+        if not sure.all():
+            moved, sure, best = self.retrack(image, moved, sure, best)
+            weight = self.weight * np.tile(sure, 2)
+        return self.finish(moved, best.contacts, weight)
+
+
+class Refinement:
+    """The fit of a model's contacts, with what it needs: fields, weights of the pins, and laws.
+
+    Attributes:
+        seen: The sensors, whose pins lie on one layout.
+        family: Fields of single presses.
+        weight: (Q,) 1 / variance of the displacements, 1 / px^2.
+    """
+
+    def __init__(self, seen: AlignedSensors, family: FieldFamily, weight: Array) -> None:
+        self.seen, self.family, self.weight = seen, family, weight
+        clue = drag_clue(family.field, len(seen.first.rest))
+        self._law, self._inverse = nominal_law(clue), nominal_inverse_law(clue)
+        self.show([], [])
+
+    @classmethod
+    def learn(
+        cls,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+    ) -> Refinement:
+        """Learn the fields from the single presses, and the noise of the pins on others.
+
+        Raises:
+            UserError: There are no fields: frames without pins or without a frame at rest, plates,
+                or fewer than twenty single presses.
+        """
+        if not any(isinstance(answer, Contacts) for answer in truth):
+            raise UserError("refinement needs contacts, and these frames are labelled otherwise.")
+        seen = AlignedSensors.of(frames)
+        family = SinglePresses.of(seen, frames, truth).learn_family()
+        tested = SinglePresses.of(seen, *validation)
+        return cls(seen, family, noise_weight(tested.unexplained(family)))
+
+    def show(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
+        """Learn the numbers of each sensor from its labelled single presses."""
+        presses = SinglePresses.of(self.seen, frames, truth)
+        self._shown = {number: labelled for number, *labelled in presses.by_sensor()}
+        self._fields = lru_cache(_KEPT)(self._field_of)
+
+    def __call__(self, frames: Sequence[Frame], answers: Sequence[Answer | None]) -> list[Answer]:
+        """Return the refined contacts of frames."""
+        refined = [Contacts.none() for _ in frames]
+        rows = [k for k, each in enumerate(answers) if isinstance(each, Contacts) and len(each)]
+        tracked = track(self.seen, [frames[row] for row in rows])
+        # Sensor by sensor, because only the fields of a few sensors stay in memory.
+        for row, frame in sorted(zip(rows, tracked, strict=True), key=lambda pair: pair[1].sensor):
+            answer = answers[row]
+            assert isinstance(answer, Contacts)  # noqa: S101 - rows are those of contacts
+            refined[row] = self._refine(frame, answer)
+        return list(refined)
+
+    def _field_of(self, sensor: int) -> Field:
+        shown = self._shown.get(sensor, (None, None))
+        return self.family.of_sensor(self.seen[sensor].layout_clues, *shown)
+
+    def _refine(self, frame: TrackedFrame, answer: Contacts) -> Contacts:
+        """Return the contacts that fields explain; the one that explains least is dropped first."""
+        given, kept = np.column_stack([answer.xy, answer.depth]), np.arange(len(answer))
+        while len(kept):
+            start = given[kept]
+            fit = LocalFit(
+                field=self._fields(frame.sensor),
+                pins=self.seen[frame.sensor],
+                weight=self.weight,
+                gain=_GAIN,
+                motions=np.empty((0, len(self.weight))),
+                start=self._law.equivalents(start[None]),
+            )
+            found = fit.find(frame.image, frame.moved, frame.sure)
+            equivalents = found.solution.contacts
+            contacts = (equivalents + self._inverse.shift(equivalents))[0]
+            strange = _strangeness(start, contacts, found.share)
+            if not strange.any():
+                return Contacts(contacts[:, :2], contacts[:, 2], answer.score[kept])
+            kept = np.delete(kept, np.argmax(strange))
+        return Contacts.none()
+
+
+def _strangeness(start: Array, end: Array, share: Array) -> Array:
+    """Return (K,) how far contacts are beyond a limit; 0: within all of them.
+
+    Args:
+        start: (K, 3) x, y and depth that the model answered, mm.
+        end: (K, 3) after the fit, mm.
+        share: (K,) shares of the misfit that they explain.
+    """
+    moved = np.hypot(*(end - start)[:, :2].T)
+    deeper = end[:, 2] / np.maximum(start[:, 2], 1e-6)
+    beyond = (moved > REACH_MM) | (deeper < DEPTHS[0]) | (deeper > DEPTHS[1]) | (share < SHARE)
+    strangeness: Array = np.where(beyond, 2.0 - share.clip(0, 1), 0.0)
+    return strangeness
