@@ -121,8 +121,9 @@ class ContactFit(ABC):
         """Return the last fit of (1, K, 3) contacts, mm."""
         solution = self.solve(moved, contacts, weight, FINISH)
         without = solution.left + self.own(solution)
-        left = (weight * solution.left**2).sum()
-        share = 1 - left / (weight * without**2).sum(axis=1)
+        left, total = (weight * solution.left**2).sum(), (weight * without**2).sum(axis=1)
+        share = np.zeros_like(total)  # where no pin is sure, a contact explains nothing
+        share[total > 0] = 1 - left / total[total > 0]
         return Found(solution, share, moved, weight, self.cost(solution, weight))
 
     def solve(self, moved: Array, start: Array, weight: Array, steps: int = STEPS) -> Solution:

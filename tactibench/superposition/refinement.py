@@ -34,11 +34,14 @@ from tactibench.superposition.single_presses import (
 
 Array = npt.NDArray[np.float64]
 
-REACH_MM = 1.0
-"""Farthest that a contact moves. A network trained on single presses is seldom off by half of it,
-and two tips are never nearer to each other than five times of it."""
+REACH_MM = 1.5
+"""Farthest that a contact moves. Of the contacts of a U-Net in 400 training pairs and 400 training
+triples of ``exp2``, which it had not learned from, the fit moved 26 of 1,944 by more than 1 mm, most
+of them to the right place, and 3 by more than this."""
 SHARE = 0.2
-"""Least share of the misfit that a contact explains."""
+"""Least share of the misfit that a contact explains. 3 of those 1,944 explained less. In 600 empty
+frames under faults a U-Net found 2,156 contacts; with a reach of 1 mm none explained this share, and
+one a tenth."""
 DEPTHS = (0.4, 2.5)
 """Least and greatest factor on the depth of a contact."""
 _GAIN = 1.2

@@ -143,7 +143,7 @@ def test_a_submission_that_holds_is_verified(submitted, source, name, frames) ->
         assert mae.value == pytest.approx(0.1)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_limit_is_the_word_of_the_record_but_its_form_is_checked(
     submitted, source, monkeypatch
 ) -> None:

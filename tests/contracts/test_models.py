@@ -161,7 +161,7 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_weights(name: str, tmp_
     fit(whole, name)
     checkpoints = tmp_path / "checkpoints"
     checkpoints.mkdir()
-    build = short.spec.load()
+    build = short.spec.build
     with pytest.raises(StopError):
         fit(build(short.context(checkpoints), **short.values), name, progress=Stopping())
     resumed = build(short.context(checkpoints), **short.values)

@@ -195,7 +195,7 @@ def test_plates_are_checked_without_a_rest_frame(tilted: Recording) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("pins", ["331", "127"])
+@pytest.mark.parametrize("pins", ["331", pytest.param("127", marks=pytest.mark.slow)])
 def test_the_public_recordings_and_their_spoiled_copies(pins: str) -> None:
     clean = open_recording(tac_vgnn_folder() / pins / "model_surface2d")
     labels = dict(clean.labels)

@@ -27,7 +27,7 @@ def code_of(cell: dict[str, Any]) -> str:
     return "".join(cell["source"])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_every_cell_runs_with_and_without_a_board(tmp_path: Path) -> None:
     """A kernel runs cells in one name space and stops at the first that fails; so does this."""
     script = "\n\n".join(code_of(cell) for cell in cells() if cell["cell_type"] == "code")

@@ -94,7 +94,7 @@ def trained(planned: Any, patch: pytest.MonkeyPatch, model: str, **values: str) 
 
 @pytest.mark.parametrize(
     ("model", "mixed"),
-    [("kernel", True), ("superpose", False), pytest.param("pins", True, marks=pytest.mark.long)],
+    [("kernel", True), ("superpose", False), pytest.param("pins", True, marks=pytest.mark.slow)],
 )
 def test_several_places_are_learned_from_trials_of_one(
     planned: Any, monkeypatch: pytest.MonkeyPatch, model: str, mixed: bool

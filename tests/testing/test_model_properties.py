@@ -11,6 +11,7 @@ import pytest
 from broken import Break, changing, with_attributes
 
 from tactibench import Contacts, Frame, PlatePose
+from tactibench.plugins import PluginHost
 from tactibench.testing import FAILED, PASSED, SKIPPED, examine, properties, run_checks, subject_of
 
 PROPERTIES = {one.name: one for one in properties("model")}
@@ -148,7 +149,16 @@ BROKEN = [
 
 
 def test_every_property_has_a_broken_example() -> None:
-    assert {name for name, _, _ in BROKEN} == set(PROPERTIES)
+    core = {"refinement"}  # no model can break it, see the next test
+    assert {name for name, _, _ in BROKEN} == set(PROPERTIES) - core
+
+
+def test_a_refinement_beyond_its_reach_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    short = {"model": {"epochs": "2"}}
+    subject = subject_of("model", "unet", host=PluginHost(), parameters=short)
+    assert examine(PROPERTIES["refinement"], subject).outcome == PASSED
+    monkeypatch.setattr("tactibench.testing.model.REACH_MM", -1.0)
+    assert examine(PROPERTIES["refinement"], subject).outcome == FAILED
 
 
 def test_the_good_one_holds_them_all(host: Any) -> None:
@@ -158,7 +168,7 @@ def test_the_good_one_holds_them_all(host: Any) -> None:
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
     assert report.ok
     skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
-    assert skipped == {"deterministic", "maps", "adapt"}
+    assert skipped == {"deterministic", "maps", "refinement", "adapt"}
 
 
 def test_a_model_that_adapts_and_forgets_is_good(host: Any, target: Any) -> None:
