@@ -62,7 +62,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/run": (2428, 15),
     "tactibench/scaffold": (105, 2),
     "tactibench/stats": (328, 4),
-    "tactibench/superposition": (1454, 8),
+    "tactibench/superposition": (1460, 8),
     "tactibench/sweep": (469, 3),
     "tactibench/testing": (1227, 6),
     "tactibench/training": (1509, 10),

@@ -35,17 +35,19 @@ from tactibench.superposition.single_presses import (
 Array = npt.NDArray[np.float64]
 
 REACH_MM = 1.5
-"""Farthest that a contact moves. Of the contacts of a U-Net in 400 training pairs and 400 training
-triples of ``exp2``, which it had not learned from, the fit moved 26 of 1,944 by more than 1 mm, most
-of them to the right place, and 3 by more than this."""
+"""Farthest that a contact moves. Of 1,944 contacts that a U-Net of single presses found in training
+pairs and triples of ``exp2``, the fit moved 26 by more than 1 mm, most of them to the right place,
+and 3 by more than this."""
 SHARE = 0.2
-"""Least share of the misfit that a contact explains. 3 of those 1,944 explained less. In 600 empty
-frames under faults a U-Net found 2,156 contacts; with a reach of 1 mm none explained this share, and
-one a tenth."""
+"""Least share of the misfit that a contact explains. 2 of those 1,944 explained less. In 600 empty
+frames under faults the U-Net found 2,156 contacts; none was kept (reach 1 mm), one with half of
+this share."""
 DEPTHS = (0.4, 2.5)
 """Least and greatest factor on the depth of a contact."""
 _GAIN = 1.2
 """Factor by which one contact more must lower the misfit, where a motion of the image is tried."""
+_MOST = 6
+"""Most contacts of a frame: of more, those with the highest scores. No fit resolves as many."""
 _KEPT = 2
 """Number of sensors whose fields stay in memory, 100 MB each where they vary."""
 
@@ -131,7 +133,8 @@ class Refinement:
 
     def _refine(self, frame: TrackedFrame, answer: Contacts) -> Contacts:
         """Return the contacts that fields explain; the one that explains least is dropped first."""
-        given, kept = np.column_stack([answer.xy, answer.depth]), np.arange(len(answer))
+        given = np.column_stack([answer.xy, answer.depth])
+        kept = np.sort(np.argsort(-answer.score, kind="stable")[:_MOST])
         while len(kept):
             start = given[kept]
             fit = LocalFit(
