@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from tactibench.run import NullProgress
 from tactibench_pins import (
     Components,
     Features,
+    Kernel,
     LatticePins,
     OwnPins,
     Setting,
@@ -65,6 +67,15 @@ def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp
     for learned in (model, again):
         assert [len(contacts) for contacts in learned.predict(still)] == [0] * 20
         assert [len(contacts) for contacts in learned.predict(frames)] == [1] * 20
+
+
+def test_of_too_many_presses_some_are_learned_from(make_model, fit, make_presses, monkeypatch):
+    monkeypatch.setattr(sys.modules[Kernel.__module__], "MOST_PRESSES", 100)
+    model = make_model("kernel")
+    assert fit(model, count=150).notes["left_out"] == 50
+    frames, truth = make_presses(60, 7)
+    alone = np.abs(poses(truth) - poses(truth).mean(axis=0)).mean()
+    assert np.abs(poses(model.predict(frames)) - poses(truth)).mean() < 0.2 * alone
 
 
 def test_how_far_pins_went_decides():
