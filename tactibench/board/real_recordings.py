@@ -32,12 +32,14 @@ class RealTest:
         line: The error.
         recording: Name of the tested recording.
         trained_on: What the models were trained on where it is something else; "" otherwise.
+        shots: Number of labelled presses of the tested sensor that they were shown.
         rows: Name of a model -> its row at the default settings.
     """
 
     line: RealLine
     recording: str
     trained_on: str
+    shots: int
     rows: Mapping[str, Row]
 
     def error(self, model: str) -> PooledMetric | None:
@@ -96,13 +98,15 @@ def real_tests(records: Mapping[str, Iterable[Record]]) -> list[RealTest]:
             line,
             _recording(section.record),
             trained_on(section.record),
-            _default_rows(protocol, section.rows),
+            shots,
+            _default_rows(protocol, section.rows, shots),
         )
         for protocol in dict.fromkeys(line.protocol for line in lines)
         for section in sections_of(whole(records.get(protocol, ())))
         if section.origin == "real"
         for line in lines
         if line.protocol == protocol
+        for shots in sorted({row.first.shots for row in section.rows})
     ]
 
 
@@ -116,10 +120,15 @@ def _recording(record: Record) -> str:
     return real_spec().names.get(recording.sha256[:8], recording.sensor or recording.label)
 
 
-def _default_rows(protocol: str, rows: Iterable[Row]) -> dict[str, Row]:
+def _default_rows(protocol: str, rows: Iterable[Row], shots: int = 0) -> dict[str, Row]:
     """Return the rows of models and encoders at their defaults, by the name of the model.
 
     They are of the first regime of the protocol, which is that of single contacts.
+
+    Args:
+        protocol: Id of the protocol.
+        rows: Rows of one table.
+        shots: Number of labelled presses that a model was shown; guessing is shown none.
     """
     spec = load_protocol(protocol).spec
     encoder, regime = spec.defaults.encoder, next(iter(spec.regimes))
@@ -127,7 +136,8 @@ def _default_rows(protocol: str, rows: Iterable[Row]) -> dict[str, Row]:
     for row in rows:
         model = row.first.model
         default = not model.changed and row.encoder in {"", encoder, model.name}
-        if default and row.regime == regime:
+        shown = row.first.shots if model.name != GUESS else shots
+        if default and row.regime == regime and shown == shots:
             chosen.setdefault(model.name, row)
     return chosen
 

@@ -74,6 +74,7 @@ def error_table(tests: Sequence[RealTest], title: str, notes: Iterable[str]) -> 
     rows: list[list[Cell]] = []
     for test in tests:
         trained = f"trained on {test.trained_on}" if test.trained_on else ""
+        trained += f", shown {test.shots} labelled presses of this one" if test.shots else ""
         line: list[Cell] = [
             Text(test.recording, below=trained),
             Text(test.line.name, below=test.line.protocol),
