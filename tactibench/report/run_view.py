@@ -388,8 +388,8 @@ def _totals(record: Record) -> Iterator[str]:
 
 
 def run_label(record: Record) -> str:
-    """Return the model with its regime, in the form of the labels of published rows."""
-    label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+    """Return the model with what was changed of it, and its regime."""
+    label = f"{record.model.text()} ({record.regime})" if record.regime else record.model.text()
     return f"{label}, {record.shots:,} labelled presses" if record.shots else label
 
 
@@ -407,6 +407,8 @@ def partial_line(record: Record) -> str:
 def _print_warning(console: Console, record: Record) -> None:
     if line := partial_line(record):
         console.print(Text(line, style="bold red"))
+    if why := record.training.notes.get("not_refined"):
+        console.print(Text(f"not refined: {why}", style="bold red"))
 
 
 def lacks_interval(shown: Table) -> bool:
