@@ -97,7 +97,7 @@ def real_tests(records: Mapping[str, Iterable[Record]]) -> list[RealTest]:
         RealTest(
             line,
             _recording(section.record),
-            trained_on(section.record),
+            _named(trained_on(section.record)),
             shots,
             _default_rows(protocol, section.rows, shots),
         )
@@ -113,11 +113,17 @@ def real_tests(records: Mapping[str, Iterable[Record]]) -> list[RealTest]:
 def _recording(record: Record) -> str:
     """Return the name of the tested recording."""
     if record.test_sensor is not None:
-        return record.test_sensor.description
+        return _named(record.test_sensor.description)
     recording = record.sensor.recording
     if recording is None:
         return record.sensor.name
     return real_spec().names.get(recording.sha256[:8], recording.sensor or recording.label)
+
+
+def _named(description: str) -> str:
+    """Return the name of a recording that is described by its folder, such as "recording a/b"."""
+    folder = description.rpartition("/")[2]
+    return real_spec().names.get(folder, description)
 
 
 def _default_rows(protocol: str, rows: Iterable[Row], shots: int = 0) -> dict[str, Row]:

@@ -168,6 +168,7 @@ class DrawnFrames(FrameSource):
             tested = tested.model_copy(update={"data_seed": hidden.data_seed})
         if hidden is not None or request.test_sensor is not None:
             self.testing = SensorFrames(tested, request.tested, request.cache, hidden is not None)
+        self.tested_workspace = self.testing.sensor.workspace
 
     def plan(self) -> FramePlan:
         """Return the drawn presses of every role."""

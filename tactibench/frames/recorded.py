@@ -249,6 +249,7 @@ class MatchedFrames(FrameSource):
         self.tested, self.test_match = self.recording, self.match
         if request.test_data is not None:
             self.tested, self.test_match = self._matched(request.tested, request.test_data)
+        self.tested_workspace = self.tested.sensor.workspace
 
     def _matched(
         self, sensor: BoundSpec[SensorSpec], folder: Path | None

@@ -215,11 +215,13 @@ class FrameSource(ABC):
         published: Whether the test frames are those of a publication, so that its numbers may be
             compared frame for frame.
         workspace: Range of the training sensor; None where it is the protocol's.
+        tested_workspace: Range of the tested sensor, likewise.
     """
 
     simulates: bool = False
     published: bool = False
     workspace: Workspace | None = None
+    tested_workspace: Workspace | None = None
 
     def __init__(self, request: FrameRequest) -> None:
         self.request = request
@@ -228,6 +230,12 @@ class FrameSource(ABC):
     def on_range(self) -> Protocol:
         """Return the protocol in the range of the training sensor."""
         return self.spec if self.workspace is None else in_range(self.spec, self.workspace)
+
+    @property
+    def gate_mm(self) -> float:
+        """Gate of the test, which grows with the range of the tested sensor, mm."""
+        space = self.tested_workspace
+        return (self.spec if space is None else in_range(self.spec, space)).test.gate_mm
 
     @abstractmethod
     def plan(self) -> FramePlan:

@@ -136,8 +136,8 @@ def truth_arrays(
     """
     truth = pack(answers, source.spec.answer)
     truth |= {"press": np.array(clusters), "group": np.array(groups)}
-    if source.workspace is not None:
-        truth["gate"] = np.array(source.on_range().test.gate_mm)
+    if source.tested_workspace is not None:
+        truth["gate"] = np.array(source.gate_mm)
     return truth
 
 

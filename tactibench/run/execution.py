@@ -297,7 +297,7 @@ def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
     if (space := plan.frames.source.workspace) is not None:
         radius = None if math.isinf(space.dome_radius_mm) else space.dome_radius_mm
         known = {name: v for name, v in asdict(space).items() if not math.isnan(v)}
-        gate = plan.frames.source.on_range().test.gate_mm
+        gate = plan.frames.source.gate_mm
         values["range"] = {**known, "dome_radius_mm": radius, "gate_mm": gate}
     if tested is not None:
         presses = len(set(evaluation.test.clusters))
