@@ -311,7 +311,7 @@ class ModelSpec(_Spec["Model"]):
         from tactibench.plugins import base
 
         wrapper: Callable[..., Model] = import_target(self.name, _REFINED, base.Model)
-        return wrapper(model, *context)
+        return wrapper(model)
 
     def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""

@@ -73,10 +73,10 @@ def error_table(tests: Sequence[RealTest], title: str, notes: Iterable[str]) -> 
     heads: list[Head] = ["recording", "error", Column("guessing"), *map(Column, models)]
     rows: list[list[Cell]] = []
     for test in tests:
-        trained = f"trained on {test.trained_on}" if test.trained_on else ""
-        trained += f", shown {test.shots} labelled presses of this one" if test.shots else ""
+        known = [f"trained on {test.trained_on}"] if test.trained_on else []
+        known += [f"shown {test.shots} labelled presses of this one"] if test.shots else []
         line: list[Cell] = [
-            Text(test.recording, below=trained),
+            Text(test.recording, below=", ".join(known)),
             Text(test.line.name, below=test.line.protocol),
             _guess(test),
         ]

@@ -99,10 +99,13 @@ class Refinement:
 
         Raises:
             UserError: There are no fields: frames without pins or without a frame at rest, plates,
-                or fewer than twenty single presses.
+                or fewer than twenty single presses; or the depth of a contact is not known.
         """
-        if not any(isinstance(answer, Contacts) for answer in truth):
-            raise UserError("refinement needs contacts, and these frames are labelled otherwise.")
+        if not all(isinstance(answer, Contacts) and answer.knows_depth for answer in truth):
+            raise UserError(
+                "refinement needs contacts whose depth is known, and these frames are labelled "
+                "otherwise."
+            )
         seen = AlignedSensors.of(frames)
         family = SinglePresses.of(seen, frames, truth).learn_family()
         tested = SinglePresses.of(seen, *validation)
@@ -164,6 +167,6 @@ def _strangeness(start: Array, end: Array, share: Array) -> Array:
     """
     moved = np.hypot(*(end - start)[:, :2].T)
     deeper = end[:, 2] / np.maximum(start[:, 2], 1e-6)
-    beyond = (moved > REACH_MM) | (deeper < DEPTHS[0]) | (deeper > DEPTHS[1]) | (share < SHARE)
-    strangeness: Array = np.where(beyond, 2.0 - share.clip(0, 1), 0.0)
+    within = (moved <= REACH_MM) & (deeper >= DEPTHS[0]) & (deeper <= DEPTHS[1]) & (share >= SHARE)
+    strangeness: Array = np.where(within, 0.0, 2.0 - share.clip(0, 1))
     return strangeness

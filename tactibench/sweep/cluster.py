@@ -273,9 +273,8 @@ def _finished(client: Any, futures: Iterable[Any]) -> Iterator[Any]:
                 "the connection to the scheduler was lost; finished runs are kept, the same "
                 "command continues."
             )
-        finished = [
-            future for future in waiting if future.done()
-        ]  # asked once: others end meanwhile
+        # Each is asked once: one that ends between two questions would be forgotten.
+        finished = [future for future in waiting if future.done()]
         waiting = [future for future in waiting if future not in finished]
         yield from finished
 

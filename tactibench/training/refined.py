@@ -12,7 +12,7 @@ import numpy as np
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.markers import AlignedSensors, PinTracker
-from tactibench.plugins import FitReport, Model, ModelContext, Progress, Stage
+from tactibench.plugins import FitReport, Model, Progress, Stage
 from tactibench.superposition import FieldFamily, Refinement
 from tactibench.training.weights import load_weights, save_weights
 
@@ -26,8 +26,7 @@ class RefinedModel(Model):
     Its maps are not shown, because its answers do not stand in them alone.
     """
 
-    def __init__(self, model: Model, context: ModelContext) -> None:
-        del context
+    def __init__(self, model: Model) -> None:
         self.model = model
         self._refinement: Refinement | None = None
 

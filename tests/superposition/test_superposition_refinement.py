@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactibench import Contacts, Frame, PlatePose, Pose, UserError
+from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
+from tactibench.plugins import PluginHost
+from tactibench.run import NullProgress
 from tactibench.superposition import DEPTHS, REACH_MM, Refinement
 
 
@@ -75,10 +77,70 @@ def test_never_more_contacts_and_none_beyond_its_reach(refinement, presses, seed
             assert DEPTHS[0] <= depth / before.depth[of] <= DEPTHS[1]
 
 
-def test_what_it_cannot_learn_from_is_said(singles, press):
+def test_more_contacts_than_any_fit_resolves_are_cut_to_the_surest(refinement, presses):
+    frames, contacts = presses
+    crowd = answer(*(contacts[0] + (0.3 * k, 0, 0) for k in range(8)))
+    assert len(refinement(frames[:1], [crowd])[0]) <= 6
+
+
+@pytest.mark.parametrize(
+    "labels", [PlatePose(1.0, 0.0, 0.0), Contacts.truth([[1.0, 2.0]])], ids=["plate", "no depth"]
+)
+def test_what_it_cannot_learn_from_is_said(singles, labels):
     frames, truth = singles
-    plates = [PlatePose(1.0, 0.0, 0.0)] * len(frames)
-    with pytest.raises(UserError, match="needs contacts"):
-        Refinement.learn(frames, plates, (frames, plates))
+    others = [labels] * len(frames)
+    with pytest.raises(UserError, match="needs contacts whose depth is known"):
+        Refinement.learn(frames, others, (frames, others))
     with pytest.raises(UserError, match="at least 20"):
         Refinement.learn(frames[:10], truth[:10], (frames, truth))
+
+
+def kernel(**parameters):
+    context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0)
+    return PluginHost().models["kernel"].build(context, **parameters)
+
+
+def fitted(model, frames, truth, count=60):
+    report = model.fit(
+        frames[:count],
+        truth[:count],
+        validation=(frames[60:], truth[60:]),
+        rng=np.random.default_rng(0),
+        progress=NullProgress(),
+    )
+    return model, report
+
+
+def test_a_refined_model_is_the_model_and_the_fit(singles, presses, tmp_path):
+    alone, _ = fitted(kernel(), *singles)
+    model, report = fitted(kernel(refine="fields"), *singles)
+    assert report.prior == "nominal mechanics"
+    assert [name for name, _ in model.stages()] == ["preprocess", "forward", "decode", "refine"]
+    # Sixty presses are few: what the model has within the reach is refined, the rest is dropped.
+    near = error(alone.predict(presses[0]), presses[1]) < 1.0
+    assert near.sum() >= 4
+    frames = [frame for frame, one in zip(presses[0], near, strict=True) if one]
+    contacts = presses[1][near]
+    refined = model.predict(frames)
+    assert error(refined, contacts).max() < 0.1
+    assert np.median(error(alone.predict(frames), contacts)) > 0.2
+    model.save(tmp_path)
+    again = kernel(refine="fields")
+    again.load(tmp_path)
+    assert np.array_equal(error(again.predict(frames), contacts), error(refined, contacts))
+    assert model.parameter_count() > alone.parameter_count()
+    # Labelled presses of this very sensor change nothing where fields do not vary.
+    model.adapt(frames, [Contacts.truth([one[:2]], [one[2]]) for one in contacts])
+    model.adapt([], [])
+    assert np.array_equal(error(model.predict(frames), contacts), error(refined, contacts))
+
+
+def test_without_fields_the_model_answers_alone(singles, presses, tmp_path):
+    model, report = fitted(kernel(refine="fields"), *singles, count=15)
+    assert "at least 20" in report.notes["not_refined"]
+    model.save(tmp_path)
+    again = kernel(refine="fields")
+    again.load(tmp_path)
+    shown = presses[0]
+    assert [name for name, _ in again.stages()][-1] == "decode"
+    assert np.array_equal(again.predict(shown)[0].xy, model.predict(shown)[0].xy)
