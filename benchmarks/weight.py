@@ -48,7 +48,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_unet": (441, 3),
     "plugins/tactibench_vgnn": (352, 3),
     "tactibench": (850, 11),
-    "tactibench/board": (2104, 12),
+    "tactibench/board": (2103, 12),
     "tactibench/cli": (2145, 12),
     "tactibench/datasets": (5011, 20),
     "tactibench/frames": (1958, 12),

@@ -122,8 +122,7 @@ def _recording(record: Record) -> str:
 
 def _named(description: str) -> str:
     """Return the name of a recording that is described by its folder, such as "recording a/b"."""
-    folder = description.rpartition("/")[2]
-    return real_spec().names.get(folder, description)
+    return real_spec().names.get(description.rpartition("recording ")[2], description)
 
 
 def _default_rows(protocol: str, rows: Iterable[Row], shots: int = 0) -> dict[str, Row]:
