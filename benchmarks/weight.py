@@ -58,7 +58,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/plugins": (655, 5),
     "tactibench/protocols": (1084, 5),
     "tactibench/records": (838, 7),
-    "tactibench/report": (3214, 17),
+    "tactibench/report": (3216, 17),
     "tactibench/run": (2428, 15),
     "tactibench/scaffold": (105, 2),
     "tactibench/stats": (328, 4),

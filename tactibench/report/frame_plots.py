@@ -97,6 +97,8 @@ def contacts_figure(
 ) -> Figure:
     """Draw a column for every example: the frame above, the contacts below, with depths in mm.
 
+    They stand beside each other where there is one example.
+
     Rings of the tip's radius are true contacts, crosses predicted ones. The heatmap lies below
     them, where the model has one.
 
@@ -105,8 +107,10 @@ def contacts_figure(
         title: Title of the picture.
         measured_on: Printed as subtitle.
     """
-    figure = new_figure(max(3.4 * len(examples), 7.0), 6.6)
-    panels = figure.subplots(2, len(examples), squeeze=False)
+    count = len(examples)
+    size, shape = ((7.0, 4.0), (1, 2)) if count == 1 else ((3.4 * count, 6.6), (2, count))
+    figure = new_figure(*size)
+    panels = figure.subplots(*shape, squeeze=False).reshape(2, count)
     for (caption, example), image, field in zip(examples, *panels, strict=True):
         image.imshow(example.image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         image.set(xlabel="column, px", ylabel="row, px")
