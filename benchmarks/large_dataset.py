@@ -38,7 +38,7 @@ PROGRAM = """
 import resource, sqlite3, sys, time
 from pathlib import Path
 from tactibench.datasets import open_dataset
-from tactibench.datasets.files import read_row
+from tactibench.datasets.schema import read_row
 folder, begin = Path(sys.argv[1]), time.process_time()
 {}
 opened = time.process_time() - begin

@@ -38,7 +38,7 @@ BEGIN, END = "<!-- table: python scripts/draw_explanation.py -->", "<!-- end of 
 MOST = "multiple"
 """The regime whose marks are filled."""
 DECIMALS = {"missed": 1}
-TABLE = ("position_mean_mm", "missed", "spurious", "gospa1_mm")
+TABLE = ("position_mean_mm", "missed", "spurious", "gospa_depth_mm")
 HEADS = (
     "model",
     "regime",
@@ -136,7 +136,7 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
     plain(axes)
     headline(
         figure,
-        "Experiment 2: seeds of one network, timed in turns on a quiet machine",
+        "Experiment 2: trainings of one network, timed one after the other on a quiet machine",
         "the same arithmetic every time; x: slowest over fastest",
     )
     save_png(figure, path)

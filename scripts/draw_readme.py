@@ -1,8 +1,8 @@
 #!/usr/bin/env python
-"""Draw the README's picture and write its tables, from the committed records.
+"""Draw the README's picture and write its table, from the committed records.
 
-python scripts/draw_readme.py            # docs/images/instances.png and the tables of README.md
-python scripts/draw_readme.py --check    # exit code 1 when a table is not what they give
+python scripts/draw_readme.py            # docs/images/instances.png and the table of README.md
+python scripts/draw_readme.py --check    # exit code 1 when the table is not what they give
 """
 
 from __future__ import annotations
@@ -13,36 +13,44 @@ from typing import Any
 
 import click
 
-from tactibench.board import OverviewLine, model_text, overview, read_submissions
+from tactibench.board import (
+    OverviewLine,
+    model_text,
+    overview,
+    read_submissions,
+    shipped_models,
+)
 from tactibench.protocols import load_protocol, overview_spec, shipped_files
+from tactibench.records import Record
 from tactibench.report import overview_table, real_page, table_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "README.md", ROOT / "docs" / "images" / "instances.png"
 BOARD = ROOT / "leaderboards"
-REAL = "<!-- real sensors: python scripts/draw_readme.py -->"
-SIMULATED, END = "<!-- table: python scripts/draw_readme.py -->", "<!-- end of table -->"
+BEGIN, END = "<!-- table: python scripts/draw_readme.py -->", "<!-- end of table -->"
 SHOWN_SETTINGS = frozenset({"recipe", "faults"})
-"""Settings of a model that the README shows beside the defaults: the recipe of the paper, and the
+"""Settings of a model that the picture shows beside the defaults: the recipe of the paper, and the
 training under faults, whose mean error on unseen sensors is smaller than that of the default."""
-OTHER_ENCODERS = frozenset({"depth", "offset"})
-"""Encoders beside a model's own; the boards show them."""
 
 
-def read_lines() -> list[OverviewLine]:
-    """Return the lines of the README: trained on single presses of tactip-127, default settings."""
-    records = {name: read_submissions(BOARD, name) for name in shipped_files()}
-    return [line for line in overview(records) if _shown(line)]
+def read_records() -> dict[str, list[Record]]:
+    """Return the committed records, by the protocol."""
+    return {name: read_submissions(BOARD, name) for name in shipped_files()}
+
+
+def shipped_lines(records: dict[str, list[Record]]) -> list[OverviewLine]:
+    """Return the lines of the overview for the models that ship."""
+    return [line for line in overview(records) if line.row.first.model.name in shipped_models()]
 
 
 def _shown(line: OverviewLine) -> bool:
     record = line.row.first
+    same = record.regime == "single" and record.sensor.name == "tactip-127"
     encoder = record.encoder.name if record.encoder else None
     return (
-        record.regime == "single"
-        and record.sensor.name == "tactip-127"
+        same
         and set(record.model.changed) <= SHOWN_SETTINGS
-        and encoder not in OTHER_ENCODERS
+        and encoder in {None, "hertz", record.model.name}
     )
 
 
@@ -55,12 +63,12 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
     names = [column.name for column in overview_spec().columns]
     (unseen,) = (test for test in load_protocol("exp1").spec.test.apart if test.instances)
     groups = [f"{unseen.name}:instance-{number}" for number in unseen.instances]
-    shown = [line for line in lines if line.values[names.index("unseen")]]
+    shown = [line for line in lines if line.values[names.index("unseen")] and _shown(line)]
     figure = Figure(figsize=(8.0, 0.38 * len(shown) + 1.3), layout="constrained")
     axes = figure.subplots()
     for place, line in enumerate(reversed(shown)):
         nominal = line.values[names.index("nominal")]
-        metrics = [line.row.metric("gospa1_mm", group) for group in groups]
+        metrics = [line.row.metric("gospa_depth_mm", group) for group in groups]
         others = [metric.value for metric in metrics if metric is not None]
         colour = model_look(line.row.first.model.name).color
         if nominal is not None:
@@ -80,7 +88,7 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
     axes.minorticks_off()
     axes.grid(axis="x", color="#eeeeee")
     axes.set_axisbelow(True)
-    axes.set_xlabel("error of one contact in the plane, mm (GOSPA; a missed contact costs 1.5 mm)")
+    axes.set_xlabel("error of one contact, mm (GOSPA; a missed contact costs 1.5 mm)")
     axes.set_title(
         f"Dot: the sensor it was trained on.  Diamonds: {len(groups)} other sensors of the make.",
         fontsize=10,
@@ -92,43 +100,39 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
     figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
-def page_with(text: str, lines: Sequence[OverviewLine]) -> str:
-    """Return the page with its tables between their marks.
+def page_with(text: str, lines: Sequence[OverviewLine], validity: str) -> str:
+    """Return the page with its table between the marks, and a sentence below it.
 
     Args:
         text: Text of the page.
-        lines: Lines of the table of simulated sensors.
+        lines: Lines of the overview.
+        validity: Whether simulated boards order the models as real recordings do.
 
     Raises:
         ValueError: The page lacks a mark.
     """
-    records = {name: read_submissions(BOARD, name) for name in shipped_files()}
-    tables = {
-        REAL: real_page(records).tables[0],
-        SIMULATED: overview_table(lines, interval=False, regime=False),
-    }
-    for mark, shown in tables.items():
-        begin = text.index(mark) + len(mark)
-        end = text.index(END, begin)
-        text = "\n\n".join([text[:begin], "\n".join(table_lines(shown)), text[end:]])
-    return text
+    begin = text.index(BEGIN) + len(BEGIN)
+    shown = "\n".join(table_lines(overview_table(lines, brief=True)))
+    below = f"{validity} [How it was measured](leaderboards/real.md)."
+    return "\n\n".join([text[:begin], shown, below, text[text.index(END, begin) :]])
 
 
 @click.command()
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 when the table is out of date.")
 @click.pass_context
 def main(ctx: click.Context, check: bool) -> None:
-    """Draw the README's picture and write its tables."""
-    lines = read_lines()
+    """Draw the README's picture and write its table."""
+    records = read_records()
+    lines = shipped_lines(records)
     text = PAGE.read_text(encoding="utf-8")
-    wanted = page_with(text, lines)
+    wanted = page_with(text, lines, real_page(records).validity)
     if check:
         same = wanted == text
-        click.echo("the tables are what the records give" if same else "a table is out of date")
+        click.echo("the table is what the records give" if same else "the table is out of date")
         ctx.exit(not same)
     PAGE.write_text(wanted, encoding="utf-8")
     draw(lines, PICTURE)
-    click.echo(f"wrote the tables of {PAGE.name} and {PICTURE.relative_to(ROOT)}")
+    click.echo(f"wrote the table of {PAGE.name} and {PICTURE.relative_to(ROOT)}")
 
 
 if __name__ == "__main__":

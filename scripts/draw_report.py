@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BOARD, IMAGES = ROOT / "leaderboards", ROOT / "docs" / "images"
 HARD = "stability"
 """The protocol of the hard cases."""
-CURVES = ("superpose", "vgnn", "unet + hertz, mixing 0.5", "pins", "cnn", "nearest")
+CURVES = ("superpose", "vgnn", "unet", "pins", "cnn", "mixture")
 """Models whose errors are shown case by case: a panel holds six."""
 SHOTS = {"report-wide": (1280, 1650, "#glance"), "report-phone": (390, 1400, "#exp2")}
 """Name -> width and height of the window, px, and the section at its top."""
@@ -30,21 +30,21 @@ def draw_boards() -> None:
     """Draw the frontiers and the hard cases."""
     for name in ("exp1", "exp2", "exp3"):
         api.plot("frontier", name, board=BOARD).save(IMAGES / f"frontier-{name}.png")
-    rows = [f"{model} (single)" for model in CURVES]
-    api.plot("stability", HARD, board=BOARD, rows=rows).save(IMAGES / "stability-errors.png")
+    api.plot("stability", HARD, board=BOARD, rows=list(CURVES)).save(
+        IMAGES / "stability-errors.png"
+    )
 
 
 def take_screenshots() -> None:
     """Take pictures of the report of the boards in Chromium, of a wide window and of a phone."""
     from playwright.sync_api import sync_playwright
 
-    from tactibench.report import BOARD as FROM_BOARD
     from tactibench.report import gather, report_page
 
     path = os.environ.get("TACTIBENCH_CHROMIUM") or shutil.which("chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         page = Path(folder) / "report.html"
-        page.write_text(report_page(gather(ROOT / "runs", BOARD, origin=FROM_BOARD)), "utf-8")
+        page.write_text(report_page(gather(None, BOARD)), "utf-8")
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         for name, (width, height, top) in SHOTS.items():
             tab = browser.new_page(viewport={"width": width, "height": height})

@@ -8,9 +8,10 @@ python scripts/make_replication.py --check    # exit code 1 when they are not wh
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -51,37 +52,53 @@ OTHER_PRESSES = "not the same presses"
 
 @dataclass(frozen=True)
 class System:
-    """One system of the comparison: a model, its regime, and whether it is trained as in the paper.
+    """One system of the comparison: a model, its regime, and what differs from the default.
 
     Attributes:
         model: Name of the model in this project.
         regime: Regime of the training.
-        recipe: "paper" for the recipe and the decoder of the paper, "default" for those of this
-            project.
+        settings: Parameters of the model that are not the default.
+        decoder: Parameters of the encoder that are not the default.
     """
 
     model: str
     regime: str = "single"
-    recipe: str = "paper"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    decoder: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         """Name in a table, such as "U-Net, multiple"."""
-        shown = {"unet": "U-Net", "cnn": "CNN"}[self.model]
+        shown = {"unet": "U-Net", "cnn": "CNN", "vgnn": "vgnn"}[self.model]
         return shown if self.regime == "single" else f"{shown}, {self.regime}"
 
     def is_of(self, row: Row) -> bool:
         """Return whether a row of a board is this system."""
         record = row.first
-        changed, encoder = record.model.changed, record.encoder
         if record.model.name != self.model or record.regime != self.regime:
             return False
-        if encoder is not None and encoder.name != ENCODER:
+        encoder = record.encoder
+        if encoder is not None and (encoder.name, encoder.changed) != (ENCODER, self.decoder):
             return False
-        if self.recipe != "paper":
-            return not changed and (encoder is None or not encoder.changed)
-        published = encoder is None or encoder.parameters.get("decoder") == "maximum"
-        return changed == {"recipe": "paper"} and published
+        return record.model.changed == self.settings
+
+
+def default(model: str, regime: str = "single") -> System:
+    """Return a model of this project as it is."""
+    return System(model, regime)
+
+
+def paper(model: str, regime: str = "single", *, threshold: float | None = None) -> System:
+    """Return a model with the recipe of the paper; the U-Net with its decoder.
+
+    Args:
+        model: Name of the model.
+        regime: Regime of the training.
+        threshold: Height from which a peak of the heatmap is a contact; None: the default.
+    """
+    decoder = {} if model == "cnn" else {"decoder": "maximum"}
+    chosen = {} if threshold is None else {"threshold": threshold}
+    return System(model, regime, {"recipe": "paper"}, {**decoder, **chosen})
 
 
 class Board:
@@ -130,11 +147,37 @@ METRICS: dict[str, Metrics] = {
         *(("missed", group, f"missed {group}, %", 1) for group in ("dual", "triple")),
     ),
 }
-SYSTEMS = {
-    "exp1": (System("cnn"), System("unet")),
-    "exp2": (System("unet"), System("unet", "multiple")),
-    "exp3": (System("unet"), System("unet", "multiple")),
+RECIPE, DEFAULT = "here, the paper's recipe", "here, default"
+WIDE = replace(paper("unet"), settings={"recipe": "paper", "width": 16})
+UNMIXED = System("unet", settings={"mixing": 0.0})
+SYSTEMS: dict[str, tuple[tuple[str, System], ...]] = {
+    "exp1": (
+        (RECIPE, paper("cnn")),
+        (RECIPE, paper("unet")),
+        (DEFAULT, default("cnn")),
+        (DEFAULT, default("unet")),
+    ),
+    "exp2": (
+        (RECIPE, paper("unet")),
+        (f"{RECIPE}, peaks from 0.05", paper("unet", threshold=0.05)),
+        (f"{RECIPE}, peaks from 0.2", paper("unet", threshold=0.2)),
+        (f"{RECIPE}, width 16", WIDE),
+        (RECIPE, paper("unet", "multiple")),
+        (f"{DEFAULT}, without mixing", UNMIXED),
+        (DEFAULT, default("vgnn")),
+        (DEFAULT, default("unet")),
+        (DEFAULT, default("unet", "multiple")),
+    ),
+    "exp3": (
+        (RECIPE, paper("unet")),
+        (RECIPE, paper("unet", "multiple")),
+        (f"{DEFAULT}, without mixing", UNMIXED),
+        (DEFAULT, default("vgnn")),
+        (DEFAULT, default("unet")),
+        (DEFAULT, default("unet", "multiple")),
+    ),
 }
+"""Lines of the tables: where a system was measured, and the system."""
 
 
 def results(board: Board) -> Table:
@@ -152,10 +195,8 @@ def results(board: Board) -> Table:
         regime = "" if published.regime == "single" else f", {published.regime}"
         count = Number(published.n, "{:,.0f}".format) if published.n else None
         lines.append([f"{published.model}{regime}", "printed, real sensor", count, *values])
-    for recipe, where in (("paper", "here, the paper's recipe"), ("default", "here, default")):
-        for system in SYSTEMS[board.protocol]:
-            row = board.row(replace(system, recipe=recipe))
-            lines.append([system.name, where, *_found(row, columns)])
+    for where, system in SYSTEMS[board.protocol]:
+        lines.append([system.name, where, *_found(board.row(system), columns)])
     return table(heads, lines)
 
 
@@ -171,16 +212,30 @@ def _found(row: Row | None, columns: Metrics) -> Iterator[Cell]:
         return
     yield f"{len(row.seeds)} seeds" if len(row.seeds) > 1 else "1 seed"
     for metric, group, _, digits in columns:
-        yield metric_number(row.metric(metric, group), digits)
+        pooled = row.metric(metric, group)
+        yield metric_number(pooled, digits, below="" if pooled is None else pooled.limits)
 
 
-CLAIMS = (
-    ("exp1: U-Net minus CNN", "exp1", System("unet"), System("cnn")),
-    ("exp2: multiple minus single", "exp2", System("unet", "multiple"), System("unet")),
-    ("exp3: multiple minus single", "exp3", System("unet", "multiple"), System("unet")),
+Pair = tuple[System, System]
+CLAIMS: tuple[tuple[str, str, Pair, Pair], ...] = (
+    (
+        "exp1: U-Net minus CNN",
+        "exp1",
+        (paper("unet"), paper("cnn")),
+        (default("unet"), default("cnn")),
+    ),
+    *(
+        (
+            f"{protocol}: multiple minus single",
+            protocol,
+            (paper("unet", "multiple"), paper("unet")),
+            (default("unet", "multiple"), default("unet")),
+        )
+        for protocol in ("exp2", "exp3")
+    ),
 )
 """Claims of the paper: title, protocol, and two systems, of which the first beats or equals the
-second."""
+second: by the paper's recipe, and by the default."""
 
 
 def differences(boards: Mapping[str, Board]) -> Table:
@@ -192,18 +247,15 @@ def differences(boards: Mapping[str, Board]) -> Table:
         Column("default"),
     ]
     lines = []
-    for name, protocol, first, second in CLAIMS:
-        board = boards[protocol]
-        cells = (_difference(board, first, second, recipe) for recipe in ("paper", "default"))
+    for name, protocol, *pairs in CLAIMS:
+        cells = (_difference(boards[protocol], *pair) for pair in pairs)
         error = ranking_error(protocol)
         lines.append([name, f"{error.name}, {error.unit}", *cells])
     return table(heads, lines)
 
 
-def _difference(board: Board, first: System, second: System, recipe: str) -> Cell:
-    first_row, second_row = (
-        board.row(replace(system, recipe=recipe)) for system in (first, second)
-    )
+def _difference(board: Board, first: System, second: System) -> Cell:
+    first_row, second_row = board.row(first), board.row(second)
     if first_row is None or second_row is None:
         return NOT_RUN
     found = [

@@ -20,12 +20,15 @@ from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.records import STORE, StoredRun, held_name, open_run, stored_runs, unscored_run
+from tactibench.shipped import default_board
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
     from tactibench.board import Comparison, Placement
+    from tactibench.contacts import Answer, Frame, Signal
+    from tactibench.plugins import Model
     from tactibench.report import PlotData
     from tactibench.run import Reporter, RunPlan
 
@@ -34,19 +37,21 @@ __all__ = [
     "Plot",
     "Score",
     "StoredRun",
+    "TrainedModel",
     "compare",
     "load_board",
+    "load_model",
     "load_run",
     "load_runs",
     "place",
     "plan",
     "plot",
     "plot_limit",
+    "render",
     "run",
     "score",
 ]
 
-BOARD = Path("leaderboards")
 PLOTS = ("frontier", "curve", "stability")
 """Kinds of figures of ``plot``."""
 
@@ -68,6 +73,7 @@ def plan(
     test: Sequence[str] = (),
     hidden_seed: bool = False,
     published: str | Path | None = None,
+    runner: str | None = None,
     store: str | Path = STORE,
 ) -> RunPlan:
     """Return the plan of a run; nothing is generated or trained.
@@ -91,17 +97,22 @@ def plan(
         hidden_seed: Whether to test on presses drawn from the secret seed in
             TACTIBENCH_HIDDEN_SEED.
         published: File of published answers to the test frames.
+        runner: Command that starts the process in which the model answers, "" for this Python;
+            None: it answers in this process, except to hidden presses.
         store: Folder of the run store.
 
     Raises:
         UserError: Something does not exist or does not fit.
     """
-    from tactibench.plugins import PluginHost
     from tactibench.records import cache_folder
-    from tactibench.run import RunRequest, make_plan, read_parameters, read_test_options
+    from tactibench.run import (
+        RunRequest,
+        make_plan,
+        plugin_host,
+        read_parameters,
+        read_test_options,
+    )
 
-    if isinstance(params, Mapping):
-        params = [f"{name}={value}" for name, value in params.items()]
     request = RunRequest(
         str(protocol),
         model,
@@ -111,14 +122,15 @@ def plan(
         data=None if data is None else Path(data),
         seed=seed,
         device=device,
-        parameters=read_parameters(tuple(params)),
+        parameters=read_parameters(_texts(params)),
         quick=quick,
         limit=limit,
         presses=presses,
         test=read_test_options(tuple(test), hidden=hidden_seed),
         published=None if published is None else Path(published),
+        runner=runner,
     )
-    return make_plan(request, PluginHost(), cache_folder(), store=Path(store))
+    return make_plan(request, plugin_host(request), cache_folder(), store=Path(store))
 
 
 def run(
@@ -147,6 +159,122 @@ def run(
     from tactibench.run import execute
 
     return execute(plan(protocol, model, **options), _reporter(progress), fresh=fresh)
+
+
+@dataclass(frozen=True, repr=False)
+class TrainedModel:
+    """A model with its weights.
+
+    Attributes:
+        model: The model.
+        label: Its name with the parameters that differ from the defaults.
+    """
+
+    model: Model
+    label: str
+
+    def __repr__(self) -> str:
+        return f"TrainedModel({self.label})"
+
+    def predict(self, signal: Frame | Signal, rest: Signal | None = None) -> Answer | None:
+        """Return the answer to one frame, such as contacts with ``xy`` and ``depth`` in mm.
+
+        None where the model gives none.
+
+        Args:
+            signal: A frame, as of ``render``; or an image (H, W) uint8, or channels.
+            rest: Signal of the sensor that nothing touches; models of pins need it. A frame has
+                its own.
+        """
+        from tactibench.contacts import Frame, Pose
+
+        frame = signal if isinstance(signal, Frame) else Frame(signal, 0.0, Pose(), rest)
+        return self.model.predict([frame])[0]
+
+
+def load_model(
+    name: str | Path,
+    protocol: str | Path = "exp1",
+    *,
+    params: Mapping[str, Any] | Sequence[str] = (),
+    sensor: str | None = None,
+    data: str | Path | None = None,
+    quick: bool = False,
+) -> TrainedModel:
+    """Return a trained model, to predict with.
+
+    Args:
+        name: Name of a model, whose weights are in the cache after its first run; or a file of
+            ``tactibench weights export``.
+        protocol: Protocol that it was trained on.
+        params: Parameters, as of ``plan``.
+        sensor: Sensor that it was trained on; None for the protocol's.
+        data: Folder of recorded frames that it was trained on.
+        quick: Whether to take the weights of a quick run.
+
+    Raises:
+        UserError: There are no weights (the sentence tells how to train them), or something does
+            not exist.
+    """
+    from tactibench.lab import trained_model
+
+    folder = None if data is None else Path(data)
+    texts = _texts(params)
+    found = trained_model(
+        str(name), str(protocol), params=texts, data=folder, sensor=sensor, quick=quick
+    )
+    return TrainedModel(*found)
+
+
+def render(
+    contacts: Sequence[Sequence[float]],
+    sensor: str = "tactip-127",
+    *,
+    radius_mm: float = 3.0,
+    params: Mapping[str, Any] | None = None,
+    seed: int = 0,
+) -> Frame:
+    """Return the frame of a simulated sensor that round tips press.
+
+    Args:
+        contacts: (K, 3) x, y and depth of every tip, mm, at least one.
+        sensor: Name of the sensor.
+        radius_mm: Radius of the tips, mm.
+        params: Parameters of the sensor, such as {"friction": 0}.
+        seed: Seed of the camera's noise.
+
+    Returns:
+        The frame: ``image``, and ``rest_image`` of the sensor that nothing touches.
+
+    Raises:
+        UserError: The sensor or a parameter does not exist, or it does not press such scenes.
+    """
+    import numpy as np
+
+    from tactibench.geometry import DOME_RADIUS_MM, scene_of_contacts
+    from tactibench.plugins import PluginHost, SensorContext
+
+    places = np.asarray(contacts, dtype=float)
+    if places.ndim != 2 or places.shape[1] != 3 or not len(places):
+        raise UserError(
+            "contacts are rows of x, y and depth in mm, such as [[0, 0, 2], [7, 0, 3]]."
+        )
+    spec = PluginHost().sensors[sensor]
+    values = spec.settings({name: str(value) for name, value in (params or {}).items()})
+    with spec.build(SensorContext(np.random.SeedSequence(seed)), **values) as pressed:
+        own = pressed.workspace
+        dome = DOME_RADIUS_MM if own is None else own.dome_radius_mm
+        try:
+            scene = scene_of_contacts(places[:, :2], places[:, 2], radius_mm, dome)
+        except ValueError as error:
+            raise UserError(f"{error}.") from error
+        return next(iter(pressed.press_many([scene])))
+
+
+def _texts(params: Mapping[str, Any] | Sequence[str]) -> tuple[str, ...]:
+    """Return parameters as texts, such as "model.width=32"."""
+    named = params.items() if isinstance(params, Mapping) else ()
+    return tuple(f"{name}={value}" for name, value in named) or tuple(params)
 
 
 def load_run(name: str | Path, store: str | Path = STORE) -> StoredRun:
@@ -196,17 +324,17 @@ def load_runs(store: str | Path = STORE, *, protocol: str | None = None) -> pd.D
     return _frame(rows)
 
 
-def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
+def load_board(protocol: str, board: str | Path | None = None) -> pd.DataFrame:
     """Return the numbers of a board, a row for each number, with seeds pooled.
 
     Args:
         protocol: Name of the protocol.
-        board: Folder of the leaderboards.
+        board: Folder of the leaderboards; None: ``leaderboards`` here, or those that ship.
 
     Returns:
-        A frame with the columns protocol, sensor, model, encoder, regime, prior, mixing, seeds,
-        metric, group, value, unit, low, high, sd, clusters, censored and rank, which is the rank of
-        the row on the board.
+        A frame with the columns protocol, sensor, model, encoder, regime, prior, seeds,
+        metric, group, value, unit, low, high, sd, clusters, censored, limits,
+        best_rank and worst_rank, between which chance decides.
 
     Raises:
         UserError: There is no board or no such protocol, or a record cannot be read.
@@ -215,8 +343,9 @@ def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
     from tactibench.protocols import load_protocol
     from tactibench.report import board_rows
 
-    check_folder(Path(board))
-    return _frame(board_rows(Path(board), [load_protocol(protocol)]))
+    folder = default_board() if board is None else Path(board)
+    check_folder(folder)
+    return _frame(board_rows(folder, [load_protocol(protocol)]))
 
 
 @dataclass(frozen=True)
@@ -285,12 +414,15 @@ class Comparisons:
         return _frame(self.rows)
 
 
-def compare(*runs: str | Path | StoredRun, store: str | Path = STORE) -> Comparisons:
+def compare(
+    *runs: str | Path | StoredRun, store: str | Path = STORE, progress: Reporter | bool = True
+) -> Comparisons:
     """Compare stored runs that answered the same test frames, press by press.
 
     Args:
         *runs: Two or more runs, their names, or their folders.
         store: Folder of the run store.
+        progress: Whether to show progress on stderr, or a reporter that shows it.
 
     Raises:
         UserError: There are fewer than two runs, a run does not exist, or they did not answer the
@@ -301,15 +433,16 @@ def compare(*runs: str | Path | StoredRun, store: str | Path = STORE) -> Compari
     if len(runs) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
     opened = tuple(item if isinstance(item, StoredRun) else load_run(item, store) for item in runs)
-    return Comparisons(opened, tuple(compare_runs(opened)))
+    with _reporter(progress).task("compare", len(runs) * (len(runs) + 1) // 2) as advance:
+        return Comparisons(opened, tuple(compare_runs(opened, advance)))
 
 
-def place(run: StoredRun, board: str | Path = BOARD) -> Placement | None:
+def place(run: StoredRun, board: str | Path | None = None) -> Placement | None:
     """Return the place that a run has, or would have, among the rows of a board.
 
     Args:
         run: A whole run; a partial one has no place.
-        board: Folder of the leaderboards.
+        board: Folder of the leaderboards; None: ``leaderboards`` here, or those that ship.
 
     Returns:
         The placement: rank, number of rows and the next better row. None where there is nothing to
@@ -317,7 +450,7 @@ def place(run: StoredRun, board: str | Path = BOARD) -> Placement | None:
     """
     from tactibench.board import place_run
 
-    return place_run(run, Path(board))
+    return place_run(run, default_board() if board is None else Path(board))
 
 
 @dataclass(frozen=True)
@@ -358,7 +491,7 @@ def plot(
     kind: str,
     protocol: str,
     *,
-    board: str | Path = BOARD,
+    board: str | Path | None = None,
     store: str | Path | None = None,
     sensor: str | None = None,
     machine: str | None = None,
@@ -371,7 +504,7 @@ def plot(
         kind: "frontier" (speed against error), "curve" (error against training presses) or
             "stability" (where errors double on hard cases).
         protocol: Name of the protocol.
-        board: Folder of the leaderboards.
+        board: Folder of the leaderboards; None: ``leaderboards`` here, or those that ship.
         store: Folder of a run store whose complete runs are added; None for none.
         sensor: Sensor, such as "tactip-127, instance=1"; None for the nominal one.
         machine: For "frontier": fingerprint of the machine; None for that of most runs.
@@ -385,12 +518,13 @@ def plot(
     from tactibench.report import curve_data, frontier_data, stability_data
 
     runs = None if store is None else Path(store)
+    folder = default_board() if board is None else Path(board)
     if kind == "frontier":
-        return Plot(frontier_data(protocol, Path(board), runs, sensor, machine))
+        return Plot(frontier_data(protocol, folder, runs, sensor, machine))
     if kind == "curve":
-        return Plot(curve_data(protocol, Path(board), runs, sensor, new_sensor=new_sensor))
+        return Plot(curve_data(protocol, folder, runs, sensor, new_sensor=new_sensor))
     if kind == "stability":
-        return Plot(stability_data(protocol, Path(board), runs, sensor, tuple(rows)))
+        return Plot(stability_data(protocol, folder, runs, sensor, tuple(rows)))
     raise UserError(f"there is no figure {kind!r}; {did_you_mean(kind, PLOTS)}")
 
 

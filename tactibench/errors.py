@@ -1,4 +1,4 @@
-"""The exception that users see as one sentence, and helpers to write such sentences."""
+"""The exception that users see as one sentence, and helpers that write such sentences."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import difflib
 import errno
 import unicodedata
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -34,14 +35,37 @@ def is_full(error: OSError) -> bool:
     return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name: the close match, or all known names."""
+def read_file(path: Path, kind: str = "") -> bytes:
+    """Return the bytes of a file.
+
+    Args:
+        path: The file.
+        kind: Words for it in messages, such as "protocol file".
+
+    Raises:
+        UserError: The file cannot be read, or is no regular one: a pipe could be waited for.
+    """
+    what = f"{kind} {path}".strip()
+    try:
+        if path.exists() and not path.is_file():
+            raise UserError(f"{what} cannot be read: it is no regular file; check the path.")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in its name
+        why = getattr(error, "strerror", None) or error
+        raise UserError(f"{what} cannot be read: {why}; check the path.") from None
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """Return the end of a sentence about an unknown name.
+
+    It is the close match; without one it is ``otherwise``, or the known names.
+    """
     names = sorted(set(known))
     by_letters = {text.lower(): text for text in names}  # EXP1 is nearer to exp1 than to others
     close = difflib.get_close_matches(name.lower(), by_letters, n=1, cutoff=0.5)
-    if close:
-        return f"did you mean {by_letters[close[0]]!r}?"
-    return f"known: {', '.join(names) or 'none'}."
+    some = names[:40] + ["..."] * (len(names) > 40)  # a table may have thousands of columns
+    otherwise = otherwise or f"known: {', '.join(some) or 'none'}."
+    return f"did you mean {by_letters[close[0]]!r}?" if close else otherwise
 
 
 def printable(text: str, keep: str = "") -> str:

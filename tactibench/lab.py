@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactibench.datasets import Press, PressPlan, plan_of_file, plan_of_protocol, press_rows
+from tactibench.datasets import Press, PressPlan, plan_presses, press_rows
 from tactibench.errors import did_you_mean
-from tactibench.protocols import load_protocol, parse_toml
+from tactibench.frames import spread
+from tactibench.protocols import parse_toml
 from tactibench.records import atomic
 from tactibench.run import open_weights
 
 if TYPE_CHECKING:
     from tactibench.plugins import Model
-    from tactibench.protocols import SensorShape
 
 __all__ = [
     "Press",
@@ -25,27 +25,9 @@ __all__ = [
     "parse_toml",
     "plan_presses",
     "press_rows",
+    "spread",
     "trained_model",
 ]
-
-
-def plan_presses(what: str, sensor: SensorShape, *, seed: int | None = None) -> PressPlan:
-    """Return all presses of a protocol or of a plan.jsonl.
-
-    Args:
-        what: Name or file of a protocol, or a file that ends in .jsonl.
-        sensor: The sensor whose surface is pressed.
-        seed: Seed with which other presses than the protocol's are drawn; None for the protocol's.
-
-    Raises:
-        UserError: There is no such protocol or file, or the sensor cannot be pressed in this way.
-    """
-    if what.endswith(".jsonl"):
-        return plan_of_file(Path(what), seed or 0)
-    protocol = load_protocol(what).spec
-    if seed is not None:
-        protocol = protocol.model_copy(update={"data_seed": seed})
-    return plan_of_protocol(protocol, sensor)
 
 
 def trained_model(
@@ -55,6 +37,7 @@ def trained_model(
     params: Sequence[str] = (),
     data: Path | None = None,
     sensor: str | None = None,
+    quick: bool = False,
 ) -> tuple[Model, str]:
     """Return a model with weights from the cache, and its label.
 
@@ -65,6 +48,7 @@ def trained_model(
         params: Parameters as texts, such as "model.width=32".
         data: Folder of recorded frames that it was trained on.
         sensor: Sensor that it was trained on.
+        quick: Whether to take the weights of a quick run.
 
     Raises:
         UserError: There are no weights (the sentence tells how to train them), or something in the
@@ -90,6 +74,7 @@ def trained_model(
         parameters=read_parameters(tuple(params)),
         data=data,
         sensor=sensor,
+        quick=quick,
     )
     plan = make_plan(request, PluginHost(), cache_folder())
     if not plan.weights.cached:

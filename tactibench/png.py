@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tactibench.errors import UserError
 
-__all__ = ["ImageKind", "check_png", "decode_png", "encode_png", "read_file"]
+__all__ = ["ImageKind", "check_png", "decode_png", "encode_png"]
 
 MOST_PIXELS = 64_000_000
 """Most pixels of one image: several times as many as cameras of tactile sensors have."""
@@ -46,18 +46,6 @@ class ImageKind:
         """Shape of the image's array: (H, W) or (H, W, 3)."""
         size = (self.height, self.width)
         return (*size, 3) if self.colour else size
-
-
-def read_file(path: Path) -> bytes:
-    """Return the bytes of a file.
-
-    Raises:
-        UserError: The file cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
 
 
 def check_png(name: Path | str, data: bytes) -> ImageKind:

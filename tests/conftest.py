@@ -49,9 +49,9 @@ def freeze_what_is_imported() -> None:
 
 
 RANKED = {
-    "exp1": ("gospa1_mm", "all"),
+    "exp1": ("gospa_depth_mm", "all"),
     "exp2": ("distance_penalised_mm", "all"),
-    "exp3": ("gospa1_mm", "all"),
+    "exp3": ("gospa_depth_mm", "all"),
     "fine": ("distance_penalised_mm", "all"),
     "surface": ("depth_mae_mm", "all"),
     "stability": ("ospa_mm", "all"),

@@ -77,20 +77,16 @@ def files_under(folder: Path, pattern: str = "*") -> set[str]:
     }
 
 
-def test_the_wheel_holds_the_core_all_plugins_protocols_and_published_tables(wheel: Path) -> None:
+def test_the_wheel_holds_the_core_all_plugins_protocols_and_boards(wheel: Path) -> None:
     expected = {f"tactibench/{name}" for name in files_under(ROOT / "tactibench")}
     plugins = {name for name in files_under(ROOT / "plugins") if name.startswith("tactibench_")}
     assert {name.partition("/")[0] for name in plugins} >= {"tactibench_sim", "tactibench_unet"}
     expected |= plugins
-    for shipped, source in {
-        "protocols": "protocols",
-        "published": "leaderboards/published",
-    }.items():
+    boards = [f"leaderboards/{name}" for name in ("hidden", "published", "submissions")]
+    for source in ("protocols", *boards):
         names = files_under(ROOT / source)
-        assert any(name.endswith(".toml") for name in names)
-        expected |= {f"tactibench/_shipped/{shipped}/{name}" for name in names}
-    hidden = files_under(ROOT / "leaderboards" / "hidden")
-    expected |= {f"tactibench/_shipped/hidden/{name}" for name in hidden}
+        assert any(name.endswith((".toml", ".npz")) for name in names)
+        expected |= {f"tactibench/_shipped/{source}/{name}" for name in names}
     held = {name for name in names_in(wheel) if ".dist-info/" not in name}
     assert held == expected
     assert "tactibench/py.typed" in held
@@ -107,6 +103,20 @@ def test_an_installed_copy_is_used_and_lists_everything(empty: Path, tmp_path: P
     assert {row["name"] for row in listed["encoders"]} >= {"depth", "hertz", "offset"}
     protocols = {p.stem for p in (ROOT / "protocols").glob("*.toml") if "." not in p.stem}
     assert {row["name"] for row in listed["protocols"]} == protocols
+
+
+def test_the_boards_that_ship_are_shown_in_an_empty_folder(empty: Path, tmp_path: Path) -> None:
+    for words, shown in {
+        ("board", "show", "sites"): "rank",
+        ("plot", "frontier", "sites"): "frontier",
+        ("report", "--protocol", "sites"): "wrote report.html",
+    }.items():
+        printed = ran(empty / "bin" / "tactibench", *words, cwd=tmp_path)
+        assert shown in printed
+        assert "board: that of tactibench 0." in printed
+    (tmp_path / "leaderboards").mkdir()
+    with pytest.raises(AssertionError, match="leaderboards has no ranked rows of sites"):
+        ran(empty / "bin" / "tactibench", "board", "show", "sites", cwd=tmp_path)
 
 
 @pytest.mark.slow

@@ -53,6 +53,14 @@ def test_the_verifier_reads_and_the_commenter_runs_nothing_of_the_request() -> N
     assert "permissions: {}" in comment
 
 
+def test_pages_are_made_by_the_merge_and_a_request_needs_none() -> None:
+    pages = text("pages.yml")
+    assert "- run: tactibench board write\n" in pages
+    assert re.search(r"^on:\n  push:\n    branches: \[main\]\n", pages, re.MULTILINE)
+    assert "pull_request" not in pages
+    assert "board check" not in (ROOT / "scripts" / "check").read_text(encoding="utf-8")
+
+
 @pytest.fixture
 def request_of(tmp_path: Path):
     """Files that a pull request adds -> what the script prints, with a tactibench that echoes."""

@@ -120,9 +120,7 @@ class MeanModel(Model):
             force = [[0.0, 0.0, -_force(labels).mean()]] if "force" in labels else None
             place, depth = [labels["xy"].mean(axis=0)], [labels["depth"].mean()]
             self._mean = Contacts.truth(place, depth, force)
-        return FitReport(
-            seconds=time.perf_counter() - start, notes={"frames": len(frames)}, prior="none"
-        )
+        return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
         """Return the mean, once for each frame."""
@@ -199,9 +197,7 @@ class NearestModel(Model):
             deviations = channel_vectors(frames, minus_rest=self._minus_rest).std(axis=0)
             self._scale = np.where(deviations > 0, deviations, 1.0).astype(np.float32)
         self._remember(self._features(frames), self._minus_rest)
-        return FitReport(
-            seconds=time.perf_counter() - start, notes={"frames": len(frames)}, prior="none"
-        )
+        return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
         """Return the label of the nearest training frame; of equally near ones the first."""

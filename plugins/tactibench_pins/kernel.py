@@ -239,7 +239,7 @@ class Kernel(Model):
             kernel(self._places, self._places, self._length), learned.targets, self._setting
         )
         notes = {"left_out": count - len(frames), **asdict(self._setting)}
-        return FitReport(seconds=time.perf_counter() - began, notes=notes, prior="none")
+        return FitReport(seconds=time.perf_counter() - began, notes=notes)
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
         """Fit a correction of the answers to labelled frames of another sensor (``Correction``).

@@ -271,7 +271,7 @@ class Pins(LearnedModel):
         self._polar = best.polar
         self._use(best)
         notes = {"without_contact": count - len(frames), "polar": best.polar}
-        return FitReport(seconds=time.perf_counter() - began, notes=notes, prior="none")
+        return FitReport(seconds=time.perf_counter() - began, notes=notes)
 
     def initialise(self, network: Members, training: Examples) -> None:
         moved = training.images.double().numpy()

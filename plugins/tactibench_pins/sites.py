@@ -91,7 +91,8 @@ class PinsSites(SiteModel):
     @torch.inference_mode()
     def scores(self, learned: Mapping[str, npt.NDArray[Any]], inputs: Inputs) -> Array:
         """Return the (N, K) mean answers of the networks, less those to channels at rest."""
-        values = np.concatenate([0 * inputs[:1], inputs]) @ learned["components"]
+        rest = np.zeros_like(inputs, shape=(1, inputs.shape[1]))
+        values = np.concatenate([rest, inputs]) @ learned["components"]
         networks = self._networks(values.shape[1], learned[f"weights.{_LAYERS}"].shape[2])
         networks.load_state_dict({n: torch.from_numpy(learned[n]) for n in networks.state_dict()})
         raw = networks.eval()(torch.from_numpy(values))[..., :-1].mean(dim=1).double().numpy()

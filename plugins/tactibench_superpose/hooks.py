@@ -34,12 +34,14 @@ def tactibench_models() -> Iterable[ModelSpec]:
             ),
             max_contacts=None,
             deterministic=True,
+            composes=True,
             of_sites=ModelSpec(
                 name="superpose",
                 target="tactibench_superpose.sites:SuperposeSites",
                 summary="least squares of channel fields that add up",
                 answers=("sites",),
                 reads=("channels",),
+                composes=True,
             ),
         )
     ]

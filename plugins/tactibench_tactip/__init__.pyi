@@ -1,6 +1,5 @@
 """Public names of tactibench_tactip, and the modules that define them."""
 
-from .camera import KEPT as KEPT
 from .camera import Camera as Camera
 from .camera import CameraError as CameraError
 from .camera import CameraFrame as CameraFrame
@@ -46,7 +45,9 @@ from .plan import plan_of as plan_of
 from .plan import with_smallest_turn as with_smallest_turn
 from .robots import CriRobot as CriRobot
 from .robots import GuardError as GuardError
+from .robots import PositionUnknownError as PositionUnknownError
 from .robots import ProtectiveStopError as ProtectiveStopError
+from .robots import Purpose as Purpose
 from .robots import Robot as Robot
 from .robots import RobotError as RobotError
 from .robots import RobotLostError as RobotLostError
@@ -65,6 +66,7 @@ from .settings import read_settings as read_settings
 from .simulation import HIGHER_MM as HIGHER_MM
 from .simulation import OFFSET as OFFSET
 from .station import Station as Station
+from .station import describe_place as describe_place
 from .touch import find_touch as find_touch
 from .touch import fit_onset as fit_onset
 from .touch import projections as projections

@@ -1,7 +1,9 @@
 """A camera whose frames are known to be fresh, and the check of a press's frames.
 
 A thread takes every frame as it comes, so that none waits in a buffer, and notes the time right
-after the driver handed it over. The frames of a press are compared with the undeformed sensor.
+after the driver handed it over. A frame that was there before, to the last bit, is no frame: noise
+makes every image of a camera another one. The frames of a press are compared with the undeformed
+sensor.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
@@ -33,6 +35,8 @@ MOST_SATURATED = 0.01
 """Share of the frame that may saturate under a press: more is glare, and pins in it are lost."""
 BRIGHTNESS = 0.10
 """Share by which the mean brightness may differ from that of the undeformed sensor."""
+ALIKE_LEVELS = 6.0
+"""Mean difference, grey levels, that two looks at the undeformed sensor may have."""
 MOTION = 1.5
 """Factor on the difference of two frames at rest by which two frames of a press may differ."""
 SEEN_MM = 0.5
@@ -46,8 +50,14 @@ CLOSING_S = 12.0
 """Time for which a closing camera waits for its threads: OpenCV aborts the process (exit code 134)
 where a thread returns from a stream when Python ends. Opening a stream takes up to 3 s, a V4L2
 camera waits 10 s for a frame. A driver that hangs for longer is left behind."""
-KEPT = 64
-"""Frames that are kept for who asks a little later."""
+KEPT_S = 4.0
+"""Time for which frames are kept for who asks later, as after a press how it began to show."""
+REMEMBERED = 1000
+"""Frames that a repeated one is compared with: buffers that are sent again and again are fewer."""
+FILLED_S = 1.0
+"""Time after the opening of a stream whose frames may have waited in its buffer."""
+RATE = 0.2
+"""Share by which the rate of frames may differ from ``camera.fps``."""
 MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
 """Values of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
 3 aperture priority); other backends keep the normalised values of OpenCV 3."""
@@ -87,6 +97,9 @@ def open_capture(settings: CameraSettings) -> Any:
     if isinstance(source, str) and "://" in source:
         limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 3000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1500]
         capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
+        if read_back(capture).fourcc == "MJPG":
+            # As they were sent: OpenCV scales a frame of another size to that of the first one.
+            capture.set(cv2.CAP_PROP_FORMAT, -1)
     elif sys.platform == "linux" and (isinstance(source, int) or source.startswith("/dev/")):
         device = source if isinstance(source, int) else str(Path(source).resolve())
         capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
@@ -211,11 +224,13 @@ class Camera:
         self._open = open_
         self._news = threading.Condition()
         self._threads: list[threading.Thread] = []
-        self._frames: deque[CameraFrame] = deque(maxlen=KEPT)
+        self._frames: deque[CameraFrame] = deque(maxlen=int(KEPT_S * settings.fps) + 1)
         self._taken_ns = self._started_ns = 0
-        self._run = 0
+        self._run = self._repeats = 0
         self._failure = ""
-        self._gaps_s: deque[float] = deque(maxlen=51)
+        self._gaps_s: deque[float] = deque(maxlen=self._frames.maxlen)
+        self._seen: deque[int] = deque(maxlen=REMEMBERED)
+        self._shape = None if settings.size is None else settings.size[::-1]
         self.frames = 0
         self.read_back: ReadBack | None = None
 
@@ -248,15 +263,38 @@ class Camera:
         return self.read_back is not None
 
     @property
-    def period_s(self) -> float:
-        """Measured time between two frames; the configuration's until ten gaps are measured."""
+    def late_s(self) -> float:
+        """Time by which a frame may show the past: ``lag_s``, and the longest of the last gaps."""
         with self._news:
-            gaps = sorted(self._gaps_s)
-        return gaps[len(gaps) // 2] if len(gaps) >= 10 else 1.0 / self._settings.fps
+            return self._settings.lag_s + max(self._gaps_s, default=1.0 / self._settings.fps)
 
-    def alive(self) -> bool:
-        """Return whether a frame came within the last ``stall_s``."""
-        return (time.monotonic_ns() - self._taken_ns) * 1e-9 < self._settings.stall_s
+    def check_alive(self) -> None:
+        """Raise CameraError where no new frame came within the last ``stall_s``."""
+        if (time.monotonic_ns() - self._taken_ns) * 1e-9 >= self._settings.stall_s:
+            raise CameraError(self._stalled())
+
+    def check_rate(self) -> float:
+        """Return the rate of new frames, or raise CameraError: it is not the configuration's.
+
+        A machine that was busy for a moment must not count: frames then are lost, so that the two
+        longest gaps tell nothing, or come all at once, so that only with these the rate is right.
+        """
+        fps = self._settings.fps
+        with self._news:
+            gaps = sorted(self._gaps_s) or [1.0 / fps]
+        rate, steady = (len(some) / sum(some) for some in (gaps, gaps[:-2] or gaps))
+        if rate > (1.0 + RATE) * fps or steady < (1.0 - RATE) * fps:
+            raise CameraError(
+                f"the camera sends {rate:.1f} new frames a second, camera.fps is {fps:g}; shorten "
+                "camera.exposure, take MJPG in place of YUYV or another USB port, or correct "
+                "camera.fps."
+            )
+        return rate
+
+    def since(self, begin_ns: int) -> list[CameraFrame]:
+        """Return the frames of the last KEPT_S that were taken from a moment on."""
+        with self._news:
+            return [frame for frame in self._frames if frame.t_ns >= begin_ns]
 
     def fresh(self, after_ns: int, count: int = 1) -> list[CameraFrame]:
         """Return ``count`` frames in a row, taken after a moment of ``time.monotonic_ns``.
@@ -273,11 +311,12 @@ class Camera:
             return self._wait(after_ns, count)
 
     def after(self, end_ns: int, count: int = 1) -> list[CameraFrame]:
-        """Return ``count`` frames that were begun after a moment of ``time.monotonic_ns``.
-
-        They are taken at least one frame period after it.
-        """
-        return self.fresh(end_ns + int(1e9 * self.period_s), count)
+        """Return ``count`` frames that show what was after a moment of ``time.monotonic_ns``."""
+        frames = self.fresh(end_ns + int(1e9 * self.late_s), count)
+        # A stream that paused meanwhile may go on later than it was before.
+        while frames[0].t_ns < end_ns + int(1e9 * self.late_s):
+            frames = self.fresh(end_ns + int(1e9 * self.late_s), count)
+        return frames
 
     def now(self) -> CameraFrame:
         """Return the next frame that comes."""
@@ -298,12 +337,22 @@ class Camera:
                 last_ns = max(self._taken_ns, self._started_ns, begun_ns)
                 left = last_ns * 1e-9 + stall - time.monotonic()
                 if left <= 0:
-                    raise CameraError(
-                        f"the camera {self._settings.source!r} gave no frame for {stall:g} s that "
-                        "can be read; check its cable, camera.crop and camera.fourcc."
-                    )
+                    raise CameraError(self._stalled())
                 self._news.wait(left)
         return frames[:count]
+
+    def _stalled(self) -> str:
+        """Return the sentence about a camera that gives no new frame."""
+        camera = f"the camera {self._settings.source!r}"
+        if self._repeats:
+            return (
+                f"{camera} is frozen: it repeats frames, the same to the last bit; put its plug in "
+                "again, and look whether it sees light."
+            )
+        return (
+            f"{camera} gave no frame for {self._settings.stall_s:g} s that can be read; check its "
+            "cable, camera.crop and camera.fourcc."
+        )
 
     def _begin(self) -> None:
         """Start a thread that opens the camera; a thread that hangs there is left behind."""
@@ -312,6 +361,7 @@ class Camera:
             run = self._run
             self._failure = ""
             self._frames.clear()
+            self._taken_ns = 0
             self._started_ns = time.monotonic_ns()
         ready = threading.Event()
         failures: list[BaseException] = []
@@ -333,7 +383,12 @@ class Camera:
         try:
             capture = self._open(self._settings)
             actual = configure(capture, self._settings)
-            self.read_back = self.read_back or actual
+            before = self.read_back = self.read_back or actual
+            if actual.fourcc != before.fourcc:
+                raise CameraError(
+                    f"the camera now sends {actual.fourcc!r}, it began with {before.fourcc!r}; "
+                    "name camera.fourcc, then go on with the same command."
+                )
         except BaseException as error:  # noqa: BLE001 - raised again by the caller
             failures.append(error)
         ready.set()
@@ -348,41 +403,56 @@ class Camera:
         """Take one frame, and return whether there may be more."""
         grabbed = capture.grab()
         t_ns = time.monotonic_ns()
-        image = self._decode(capture) if grabbed else None
+        picture = _decode(capture) if grabbed else None
         with self._news:
             if self._run != run:
                 return False
             if not grabbed:
                 self._failure = f"the camera {self._settings.source!r} sends no more frames."
-            elif image is not None:
-                if self._taken_ns:
-                    self._gaps_s.append((t_ns - self._taken_ns) * 1e-9)
-                self._taken_ns = t_ns
-                self.frames += 1
-                self._frames.append(CameraFrame(image, t_ns))
+            elif picture is not None:
+                self._note(picture, t_ns)
             self._news.notify_all()
-        return bool(grabbed)
+        return not self._failure
 
-    def _decode(self, capture: Any) -> Image | None:
-        good, picture = capture.retrieve()
-        if not good or picture is None:
-            return None
-        image = _grey(np.asarray(picture, dtype=np.uint8))
+    def _note(self, picture: Image, t_ns: int) -> None:
+        """Keep a frame, unless it was there before; one of another size ends the stream."""
+        before = self._shape = self._shape or picture.shape
+        if picture.shape != before:
+            (height, width), (rows, columns) = picture.shape, before
+            self._failure = (
+                f"the camera sends frames of {width} x {height} px, not of {columns} x {rows} px "
+                "as before; set its size, then go on with the same command."
+            )
+            return
         if self._settings.crop is not None:
             x, y, width, height = self._settings.crop
-            image = image[y : y + height, x : x + width]
-            if image.shape != (height, width):
-                return None
-        return np.ascontiguousarray(image)
+            picture = np.ascontiguousarray(picture[y : y + height, x : x + width])
+            if picture.shape != (height, width):
+                return
+        key = hash(picture.tobytes())
+        if key in self._seen and not self._settings.noiseless:
+            self._repeats += 1
+            return
+        self._seen.append(key)
+        self._repeats = 0
+        if self._taken_ns > self._started_ns + 1e9 * FILLED_S:
+            self._gaps_s.append((t_ns - self._taken_ns) * 1e-9)
+        self._taken_ns = t_ns
+        self.frames += 1
+        self._frames.append(CameraFrame(picture, t_ns))
 
 
-def _grey(image: Image) -> Image:
-    """Return a frame, which OpenCV gives as blue, green, red, as (H, W) grey."""
+def _decode(capture: Any) -> Image | None:
+    """Return the frame that was grabbed, (H, W) grey; None where it cannot be read."""
     import cv2
 
-    if image.ndim == 2:
-        return image
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    good, picture = capture.retrieve()
+    if good and picture is not None and picture.shape[0] == 1:  # as it was sent, not decoded
+        picture = cv2.imdecode(picture, cv2.IMREAD_COLOR)
+    if not good or picture is None:
+        return None
+    image = np.asarray(picture, dtype=np.uint8)
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
 
 
 @dataclass(frozen=True, eq=False)
@@ -446,6 +516,22 @@ class Reference:
         share = RELAXED * (self.change_of(press) - self.change)
         return self.change + max(RELAXED_LEVELS, share)
 
+    def check_alike(self, before: npt.NDArray[Any], when: str) -> None:
+        """Raise CameraError where the undeformed sensor looks otherwise than before.
+
+        Args:
+            before: (H, W) mean of the frames before.
+            when: A few words about when that was.
+        """
+        difference, bright = float(np.abs(self.mean - before).mean()), float(before.mean())
+        if is_other_light(self.brightness, bright) or difference > ALIKE_LEVELS:
+            raise CameraError(
+                f"the undeformed sensor differs by {difference:.1f} grey levels from {when} "
+                f"({self.brightness:.1f} grey levels bright, it was {bright:.1f}): the light or "
+                "the exposure changed, or the camera moved; put that back, then go on with the "
+                "same command."
+            )
+
     def check_pins(self, sensor: SensorSettings) -> None:
         """Raise UserError where the count of pins is not the configuration's."""
         if not sensor.allows(self.pins):
@@ -487,50 +573,33 @@ def check_frames(
         depth_mm: Depth of the press.
     """
     image = np.median(np.stack([frame.image for frame in frames]), axis=0).astype(np.uint8)
-    check = FrameCheck(
-        reason="",
-        image=image,
-        t_ns=frames[len(frames) // 2].t_ns,
-        saturated=float((image >= SATURATED).mean()),
-        pins=-1 if sensor.pins is None else count_pins(image),
+    pins = -1 if sensor.pins is None else count_pins(image)
+    brightness, saturated = float(image.mean()), float((image >= SATURATED).mean())
+    more = saturated - float((reference.mean >= SATURATED).mean())
+    between = max(
+        float(np.abs(b.image.astype(np.float32) - a.image).mean()) for a, b in pairwise(frames)
     )
-    return replace(check, reason=_reason(frames, check, reference, sensor, depth_mm))
+    # Of the frames one by one: their median has less noise than those of the threshold.
+    change = np.mean([reference.change_of(frame.image) for frame in frames])
+    reasons = {
+        f"brightness {brightness:.1f}, at rest {reference.brightness:.1f}: the light or the "
+        "exposure changed": is_other_light(brightness, reference.brightness),
+        f"{more:.1%} of the pixels are saturated": more > MOST_SATURATED,
+        f"{pins} pins are seen, sensor.pins is {sensor.pins}": not sensor.allows(pins),
+        "frames in a row are the same to the last bit: the camera repeats itself": between == 0
+        and reference.between > 0,
+        f"frames in a row differ by {between:.2f} grey levels: something still moves": between
+        > MOTION * reference.between + 0.2,
+        f"no contact is seen at {depth_mm:.1f} mm": depth_mm >= SEEN_MM
+        and change < reference.threshold,
+    }
+    reason = next((text for text, is_wrong in reasons.items() if is_wrong), "")
+    return FrameCheck(reason, image, frames[len(frames) // 2].t_ns, saturated, pins)
 
 
 def is_other_light(brightness: float, at_rest: float) -> bool:
     """Return whether two mean brightnesses, grey levels, differ by more than a press explains."""
     return abs(brightness - at_rest) > BRIGHTNESS * max(1.0, at_rest)
-
-
-def _reason(
-    frames: Sequence[CameraFrame],
-    check: FrameCheck,
-    reference: Reference,
-    sensor: SensorSettings,
-    depth_mm: float,
-) -> str:
-    brightness = float(check.image.mean())
-    if is_other_light(brightness, reference.brightness):
-        return (
-            f"brightness {brightness:.1f}, at rest {reference.brightness:.1f}: the light "
-            "or the exposure changed"
-        )
-    saturated = check.saturated - float((reference.mean >= SATURATED).mean())
-    if saturated > MOST_SATURATED:
-        return f"{saturated:.1%} of the pixels are saturated"
-    if not sensor.allows(check.pins):
-        return f"{check.pins} pins are seen, sensor.pins is {sensor.pins}"
-    between = max(
-        float(np.abs(b.image.astype(np.float32) - a.image).mean()) for a, b in pairwise(frames)
-    )
-    if reference.between > 0 and between == 0:
-        return "frames in a row are the same to the last bit: the camera repeats itself"
-    if between > MOTION * reference.between + 0.2:
-        return f"frames in a row differ by {between:.2f} grey levels: something still moves"
-    # The median of a press has less noise than one frame, to which this change belongs.
-    if depth_mm >= SEEN_MM and reference.change_of(check.image) < reference.change:
-        return f"no contact is seen at {depth_mm:.1f} mm"
-    return ""
 
 
 def _change(image: npt.NDArray[Any], mean: Array) -> float:

@@ -22,7 +22,7 @@ from typing import Any
 from tactibench import Indenter, UserError, __version__
 from tactibench.datasets import FRAMES, Draft, Header, Writer, is_dataset, open_dataset
 from tactibench.lab import Press
-from tactibench_tactip.camera import Camera, CameraError, FrameCheck, Reference
+from tactibench_tactip.camera import Camera, CameraError, FrameCheck
 from tactibench_tactip.geometry import geometry_of
 from tactibench_tactip.plan import (
     CollectionPlan,
@@ -50,10 +50,8 @@ ATTEMPTS = 2
 """Attempts at a press in a session before it is written as bad."""
 STOPS_OF_PRESS = 2
 """Protective stops at one press, over all sessions, before it is given up."""
-FLAT = 0.02
+FLAT, FLAT_FRAMES = 0.02, 15
 """Greatest relative change of the brightness between two groups of frames before a collection."""
-ALIKE_LEVELS = 6.0
-"""Mean difference, grey levels, that the undeformed sensor may have when a collection goes on."""
 DRIFT_MM = 0.05
 """Drift of first touch between two searches above which a warning is given."""
 
@@ -98,11 +96,7 @@ class Collector:
     """
 
     def __init__(
-        self,
-        station: Station,
-        plan: CollectionPlan,
-        writer: Writer,
-        callbacks: Callbacks,
+        self, station: Station, plan: CollectionPlan, writer: Writer, callbacks: Callbacks
     ) -> None:
         self.report = SessionReport()
         self._station, self._plan, self._writer = station, plan, writer
@@ -122,7 +116,7 @@ class Collector:
             UserError: A device failed, a press may not be made, or too many presses in a row were
                 bad.
         """
-        report, writer, settings = self.report, self._writer, self._station.settings
+        writer, settings = self._writer, self._station.settings
         todo = [press for press in self._plan.presses if press.id not in writer.done]
         writer.event(
             "session",
@@ -135,18 +129,11 @@ class Collector:
         groups = sorted(
             by_indenter(todo).items(), key=lambda item: not is_mounted(mounted, item[0])
         )
-        try:
-            for indenter, presses in groups:
-                if not report.interrupted and self._mount(indenter, len(presses)):
-                    self._press_all(presses, ended)
-        except StopNowError as stop:
-            report.interrupted = True
-            before = str(stop.__context__ or "")
-            if before:  # an error, after which the way back was stopped
-                self._callbacks.notify(before)
-                writer.event("error", reason=before)
-        finally:
-            report.left = len(self._plan) - len(writer.done)
+        for indenter, presses in groups:
+            if ended.is_set():
+                self.report.interrupted = True
+            elif self._mount(indenter, len(presses)):
+                self._press_all(presses, ended)
 
     def _mount(self, indenter: Indenter, count: int) -> bool:
         """Return whether the indenter is mounted; where it is not, a person is asked to do it."""
@@ -379,21 +366,31 @@ def collect(
         try:
             with stop_signals(callbacks.notify, station.stop_now) as ended, station:
                 if writer.done:
-                    _check_same_sensor(station.look_at_rest(), folder)
+                    first = open_dataset(folder).rest
+                    if first is not None:
+                        station.look_at_rest().check_alike(first, f"the first one of {folder}")
                 session.run(ended)
-        except StopNowError:  # before the first press
+        except StopNowError as stop:
             session.report.interrupted = True
-            session.report.left = len(plan) - len(writer.done)
+            if before := str(stop.__context__ or ""):  # an error, after which somebody stopped it
+                callbacks.notify(before)
+                writer.event("error", reason=before)
         except UserError as error:
             writer.event("error", reason=str(error))
             raise
+        except OSError as error:
+            error.filename = error.filename or str(folder)  # for the sentence about a full disk
+            raise
+        session.report.left = len(plan) - len(writer.done)
+        if station.place:  # "": it was stopped before there was a tool
+            callbacks.notify(station.place)
         if not session.report.left:
             _write_splits(writer, plan)
     return session.report
 
 
 def dry_run(
-    settings: Settings, presses: Sequence[Press], height: float, advance: Callable[[int], None]
+    settings: Settings, presses: Sequence[Press], height: float, callbacks: Callbacks
 ) -> int:
     """Make all moves of presses higher up; nothing is touched and nothing is stored.
 
@@ -401,7 +398,7 @@ def dry_run(
         settings: Configuration of the setup.
         presses: The presses.
         height: Height above the real moves, mm.
-        advance: Called with 1 after every press.
+        callbacks: Functions that tell a person.
 
     Returns:
         The number of presses that were made.
@@ -418,34 +415,41 @@ def dry_run(
         )
     count = 0
     station = Station(settings)
-    station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
+    real, high = station.geometry, station.geometry.with_z0(settings.contact.fixed_mm - height)
+    station.geometry = high
     station.check_plan(CollectionPlan("dry run", tuple(presses), {}))
-    signals = stop_signals(lambda _: None, station.stop_now)
+    signals = stop_signals(callbacks.notify, station.stop_now)
     with suppress(StopNowError), signals as ended, station:
-        for press in presses:
-            if ended.is_set():
-                break
-            scene = with_smallest_turn(press.scene)
-            path = station.path(scene)
-            with station.at(scene):
-                station.do(partial(station.down, path=path))
-            count += 1
-            advance(1)
+        try:
+            for press in presses:
+                if ended.is_set():
+                    break
+                scene = with_smallest_turn(press.scene)
+                path = station.path(scene)
+                with station.at(scene):
+                    station.do(partial(station.down, path=path))
+                count += 1
+                callbacks.advance(1)
+        finally:
+            station.geometry = real  # for the sentence about the place of the tool
+    callbacks.notify(station.place)
     return count
 
 
 def warm_up(camera: Camera, settings: Settings) -> None:
-    """Skip the first frames, and check that the brightness is steady.
+    """Skip the first frames, and check that their rate and brightness are as they should be.
 
     Raises:
+        CameraError: The rate is not the configuration's.
         UserError: The brightness changes, because the exposure is automatic or the light is cold.
     """
     for _ in range(settings.camera.warmup_frames):
         camera.now()
     means = []
     for _ in range(2):
-        frames = camera.fresh(time.monotonic_ns(), 10)
+        frames = camera.fresh(time.monotonic_ns(), FLAT_FRAMES)
         means.append(sum(float(frame.image.mean()) for frame in frames) / len(frames))
+    camera.check_rate()
     change = abs(means[1] - means[0]) / max(1.0, means[0])
     if change > FLAT:
         raise UserError(
@@ -485,20 +489,6 @@ def _header(settings: Settings, plan: CollectionPlan, camera: Camera) -> Header:
         },
         source={"importer": "tactibench hw collect", "presses": plan.source},
     )
-
-
-def _check_same_sensor(rest: Reference, folder: Path) -> None:
-    """Raise UserError where the undeformed sensor differs from the rest image of the data set."""
-    before = open_dataset(folder).rest
-    if before is None:
-        return
-    difference = float(abs(rest.mean - before).mean())
-    if difference > ALIKE_LEVELS:
-        raise UserError(
-            f"the undeformed sensor differs by {difference:.1f} grey levels from the one that "
-            f"{folder} was begun with ({ALIKE_LEVELS:g} are allowed); put camera, light and sensor "
-            "back as they were, or begin another data set."
-        )
 
 
 def _write_splits(writer: Writer, plan: CollectionPlan) -> None:

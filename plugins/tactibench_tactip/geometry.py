@@ -43,18 +43,24 @@ from tactibench_tactip.settings import EnvelopeSettings, FrameSettings, Pose6, S
 
 Array = npt.NDArray[np.float64]
 
-ROUNDING_MM, ROUNDING_DEG = 1e-6, 1e-3
-"""Distance and angle by which rounding may take a pose of a plan out of the envelope."""
+ROUNDING = 1e-3
+"""Distance, mm, and angle, deg, by which rounding may take a pose out of the envelope."""
 NEAR_MM = 1.0
 """Distance before first touch at which the slow descent begins."""
 
 
 def matrix(pose: Pose6) -> Array:
     """Return the (4, 4) transform of a pose: R = Rz(gamma) Ry(beta) Rx(alpha)."""
-    transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_euler("xyz", pose[3:], degrees=True).as_matrix()
-    transform[:3, 3] = pose[:3]
-    return transform
+    x, y, z, *angles = pose
+    # Written out: each turn of the control loop needs some, and scipy takes five times as long.
+    (sa, ca), (sb, cb), (sc, cc) = ((math.sin(r), math.cos(r)) for r in map(math.radians, angles))
+    rows = (
+        (cb * cc, sa * sb * cc - ca * sc, ca * sb * cc + sa * sc, x),
+        (cb * sc, sa * sb * sc + ca * cc, ca * sb * sc - sa * cc, y),
+        (-sb, sa * cb, ca * cb, z),
+        (0.0, 0.0, 0.0, 1.0),
+    )
+    return np.array(rows)
 
 
 def pose_of(transform: Array) -> Pose6:
@@ -111,30 +117,45 @@ def distance_between(a: Pose6, b: Pose6) -> float:
     return math.dist(a[:3], b[:3])
 
 
-def envelope_violation(limits: EnvelopeSettings, pose: Pose6) -> str:
+def envelope_violation(limits: EnvelopeSettings, pose: Pose6, start: Pose6 = (0.0,) * 6) -> str:
     """Return a clause about how a pose in the work frame leaves the envelope, "" inside it.
 
     Comparisons are written so that NaN fails them. A software limit is no safety function: it
     catches mistakes of a configuration, not of a controller.
+
+    Args:
+        limits: The envelope.
+        pose: The pose.
+        start: Pose from where the tool comes. Where that lies outside, the way back is free: only
+            what leads farther out is a violation.
     """
-    x, y, z, _, _, gamma = pose
-    for name, value in (("x", x), ("y", y)):
-        if not abs(value) <= limits.half_width_mm + ROUNDING_MM:
-            return (
-                f"{name} {value:.2f} mm of the work frame, where envelope.half_width_mm allows "
-                f"{limits.half_width_mm:g} mm"
-            )
-    if not -limits.above_mm - ROUNDING_MM <= z:
-        return f"z {z:.2f} mm, where envelope.above_mm allows {-limits.above_mm:g} mm"
-    if not z <= limits.below_mm + ROUNDING_MM:
-        return f"z {z:.2f} mm, where envelope.below_mm allows {limits.below_mm:g} mm"
-    if not abs(gamma) <= limits.yaw_deg + ROUNDING_DEG:
-        return f"a yaw of {gamma:.1f} deg, where envelope.yaw_deg allows {limits.yaw_deg:g} deg"
-    # max first: it turns a NaN into -1, a tilt of 180 deg; min first would turn it into no tilt.
-    tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(matrix(pose)[2, 2])))))
-    if not tilt <= limits.tilt_deg + ROUNDING_DEG:
-        return f"a tilt of {tilt:.1f} deg, where envelope.tilt_deg allows {limits.tilt_deg:g} deg"
+    wide, above, below = limits.half_width_mm, limits.above_mm, limits.below_mm
+    most = (wide, wide, above, below, limits.yaw_deg, limits.tilt_deg)
+    limited = zip(_LIMITS, most, _limited(pose), _limited(start), strict=True)
+    for (name, key, low, high), limit, value, at in limited:
+        unit = key.rpartition("_")[2]
+        # The limit first: min and max then leave out a start of NaN.
+        if not min(low * limit, at) - ROUNDING <= value <= max(high * limit, at) + ROUNDING:
+            return f"{name} {value:.2f} {unit}, where envelope.{key} allows {limit:g} {unit}"
     return ""
+
+
+_LIMITS = (
+    ("x of the work frame", "half_width_mm", -1.0, 1.0),
+    ("y of the work frame", "half_width_mm", -1.0, 1.0),
+    ("z of the work frame", "above_mm", -1.0, math.inf),
+    ("z of the work frame", "below_mm", -math.inf, 1.0),
+    ("a yaw of", "yaw_deg", -1.0, 1.0),
+    ("a tilt of", "tilt_deg", -1.0, 1.0),
+)
+"""Name of a limited value, its limit, and the factors of that for the least and greatest value."""
+
+
+def _limited(pose: Pose6) -> tuple[float, ...]:
+    """Return the values that _LIMITS names."""
+    x, y, z, _, _, yaw = pose
+    tilt = math.degrees(math.acos(np.clip(matrix(pose)[2, 2], -1.0, 1.0)))
+    return x, y, z, z, yaw, tilt
 
 
 _FLIP = matrix((0.0, 0.0, 0.0, 180.0, 0.0, 0.0))

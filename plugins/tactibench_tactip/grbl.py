@@ -2,11 +2,20 @@
 
 Every move is a jog (``$J=``): a jog leaves the parser's modes alone, is refused in words where it
 would leave the travel, and can be cancelled at once with its position kept, so that the tool can be
-retracted afterwards. (A feed hold and reset, the other way to stop, loses the position.)
+retracted afterwards. (A feed hold and reset, the other way to stop, loses the position.) A jog says
+how far to go, not where: whatever the controller has forgotten, the tool moves no farther. G91 is
+its last word, because a controller that is reset in the middle of a line takes the rest of the line
+for G-code, and goes at once where that says.
+
+The position is not known after a reset, an alarm, or without the offset of what is reported. It is
+known where this program homed the stage since its controller started: a mark says so, which a reset
+erases. That the stage is not locked proves nothing: somebody may have unlocked it, and grblHAL need
+not lock it at all.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections import deque
@@ -18,7 +27,8 @@ from tactibench import UserError
 from tactibench_tactip.geometry import angle_between
 from tactibench_tactip.robots import (
     HOMING_S,
-    NotHomedError,
+    PositionUnknownError,
+    Purpose,
     Robot,
     RobotError,
     RobotLostError,
@@ -31,9 +41,22 @@ BANNER_S, BANNER_SOCKET_S = 2.5, 0.2
 """An Arduino is reset when its port is opened and takes 2 s to start; a socket resets nothing."""
 POLL_S = 0.1
 """Time between two status reports; GRBL wants no more than 5 to 10 a second."""
+SAME_MM = 0.02
+"""Difference of two reports of one place: they are rounded to 0.001 mm, and a step is 0.01."""
 TURN_DEG = 0.05
 """Turns above this are refused: a stage of three axes cannot turn."""
 _RATES = {"x": "$110", "y": "$111", "z": "$112"}
+_NEEDED = {
+    "$13": (0.0, "reports in mm"),
+    "$20": (1.0, "soft limits"),
+    "$22": (None, "homing"),
+    **{key: (None, f"top speed of {axis}") for axis, key in _RATES.items()},
+}
+"""Setting -> the value that it must have, and its meaning."""
+MARK = "F47110"
+"""A feed that nobody uses: it marks that the stage was homed, until a reset sets the feed to 0."""
+HOMES = 1
+"""Bit of $22 that says that a stage homes."""
 _CANCEL, _RESET, _HOLD = b"\x85", b"\x18", b"!"
 ANSWER_S = 2.0
 """Longest wait for the answer to a line, which GRBL gives when it has parsed it."""
@@ -41,26 +64,26 @@ STATUS_S = 0.25
 """Time after which a status report is requested again: a busy GRBL drops the request."""
 PAUSE_S = 0.0005
 """Pause between two looks at a port without data: without it they would take a whole core."""
-STATE, STATE_HEAD = "$G", "[GC:"
+MODES, MODES_HEAD = b"$G\n", "[GC:"
 """A question, and the head of its answer, which no other line has; GRBL answers it also while it
 moves."""
-CRITICAL = (1, 2)
-"""Alarms after which nothing is answered before a reset."""
+HARMLESS = b"$\n"
+"""A line that asks for help. Behind the rest of a line that lay in the controller's buffer it makes
+one that is refused, where an empty line would run that rest."""
 _NUMBERS = re.compile(r"-?\d+(?:\.\d+)?")
+_BANNER = re.compile(r"Grbl(HAL)? \d")
+_SETTING = re.compile(r"(\$\d+)=(-?\d+(?:\.\d+)?)(?=\s|$)")
 
 _ERRORS = {
-    5: "homing is switched off, $22",
     8: "it is not idle",
     9: "it is locked by an alarm",
     10: "soft limits need homing",
     15: "the target is beyond the stage's travel",
-    22: "no feed rate",
-    33: "a wrong target",
 }
 _ALARMS = {
-    1: "a limit switch was hit, the position is lost; home the stage",
-    2: "a target beyond the stage's travel; the position is kept",
-    3: "it was reset while it moved, the position is lost; home the stage",
+    1: "a limit switch was hit",
+    2: "a target beyond the stage's travel",
+    3: "it was reset while it moved",
     **dict.fromkeys(range(6, 11), "homing failed"),
 }
 
@@ -75,11 +98,11 @@ class Status:
 
     Attributes:
         state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep.
-        position: Position of the machine, mm.
+        position: Position of the machine, mm; None: the report does not tell it.
     """
 
     state: str
-    position: tuple[float, float, float]
+    position: tuple[float, float, float] | None
 
 
 class GrblLink:
@@ -88,6 +111,7 @@ class GrblLink:
     Attributes:
         alarm: Number of the latest alarm, 0: none.
         banner: Line that the controller sends when it starts.
+        unknown: Reason why the position is not known; "": it is known.
         last: The last status report; its state is Alarm as soon as an alarm was sent.
     """
 
@@ -106,10 +130,10 @@ class GrblLink:
             raise missing_package("pyserial", "serial") from None
         # A TypeError: pyserial reads from no file where another thread closed its port meanwhile.
         self._errors: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
-        self._offset = (0.0, 0.0, 0.0)
-        self.last = Status("", (0.0, 0.0, 0.0))
+        self._offset: tuple[float, float, float] | None = None
+        self.last = Status("", None)
         self.alarm = 0
-        self.banner = ""
+        self.banner = self.unknown = ""
         self._rest = b""
         self._lines: deque[str] = deque()
         self._late = False
@@ -135,82 +159,111 @@ class GrblLink:
         Raises:
             RobotError: GRBL answers with an error.
             NoAnswerError: GRBL does not answer within ``wait_s``.
+            PositionUnknownError: A reset or an alarm came instead of an answer.
         """
+        before = self.unknown
         if self._late:
-            self._resynchronise()
+            self.read_modes()
         self.drain()
-        self._write(line.encode() + b"\n")
+        if not before:
+            self.check_known()
+        self.send(line.encode() + b"\n")
         lines: list[str] = []
         end = time.monotonic() + wait_s
-        while True:
+        while time.monotonic() < end:
             while (answer := self._next_line()) is not None:
                 if answer == "ok":
                     return lines
                 if answer.startswith("error:"):
+                    if self.unknown != before:  # a reset cut the line
+                        self.check_known()
                     meaning = describe_error(answer)
                     raise RobotError(f"GRBL refuses {line!r}: {answer} ({meaning}).")
                 lines.append(answer)
                 self._note(answer)
-            if time.monotonic() > end:
-                self._late = True
-                raise NoAnswerError(f"GRBL did not answer {line!r} within {wait_s:g} s.")
+                if not before:
+                    self.check_known()
             time.sleep(PAUSE_S)
+        self._late = True
+        if self.unknown != before:
+            self.check_known()
+        raise NoAnswerError(f"GRBL did not answer {line!r} within {wait_s:g} s.")
 
-    def _resynchronise(self) -> None:
-        """Skip late answers, up to the answer to a question that no other line answers.
+    def read_modes(self, wait_s: float = ANSWER_S) -> str:
+        """Return the modes of the parser, ``[GC:...]``, and skip all answers to lines before.
 
         Raises:
-            RobotLostError: That answer does not come within ANSWER_S.
+            NoAnswerError: GRBL does not answer within ``wait_s``.
+            PositionUnknownError: A reset or an alarm came instead.
         """
-        self._write(STATE.encode() + b"\n")
-        end = time.monotonic() + ANSWER_S
-        state_seen = False
+        self.send(MODES)
+        end, modes, before = time.monotonic() + wait_s, "", self.unknown
+        self._late = True
         while time.monotonic() < end:
             line = self._next_line()
             if line is None:
                 time.sleep(PAUSE_S)
-            elif state_seen and line == "ok":
+            elif modes and line == "ok":
                 self._late = False
-                return
+                return modes
             else:
-                state_seen = state_seen or line.startswith(STATE_HEAD)
+                modes = line if line.startswith(MODES_HEAD) else modes
                 self._note(line)
-        raise RobotLostError(
+                if not before:
+                    self.check_known()
+        raise NoAnswerError(
             "GRBL's answers come too late or not at all; check the cable, and home the stage."
         )
+
+    def check_known(self) -> None:
+        """Raise PositionUnknownError where the position is not known."""
+        if self.unknown:
+            raise PositionUnknownError(
+                f"the position of the stage is not known: {self.unknown}. Look where the tool is, "
+                "clear its way, and run `tactibench hw jog --home`."
+            )
 
     def status(self, wait_s: float = ANSWER_S) -> Status:
         """Return state and position.
 
+        A report of work positions tells the position once their offset was reported, which is in
+        every tenth report.
+
         Raises:
-            NoAnswerError: GRBL gives no status within ``wait_s``.
+            NoAnswerError: GRBL tells no position within ``wait_s``.
         """
         self.drain()
-        if self.alarm in CRITICAL:
+        if self.alarm:  # GRBL may answer no more
             return self.last
         before, end = self.last, time.monotonic() + wait_s
         while time.monotonic() < end:
-            self._write(b"?")
-            sent = time.monotonic()
-            while time.monotonic() < min(end, sent + STATUS_S):
+            self.send(b"?")
+            sent, asked = time.monotonic(), self.last
+            while self.last is asked and time.monotonic() < min(end, sent + STATUS_S):
                 while (line := self._next_line()) is not None:
                     self._note(line)
-                    # After a critical alarm GRBL answers no more.
-                    if self.last is not before or self.alarm:
+                    if (self.last is not before and self.last.position) or self.alarm:
                         return self.last
                 time.sleep(PAUSE_S)
-        raise NoAnswerError(f"GRBL gave no status within {wait_s:g} s; look at the stage.")
+        raise NoAnswerError(
+            f"GRBL told no position within {wait_s:g} s; look at the stage, and set $10=1 where it "
+            "reports work positions."
+        )
 
-    def realtime(self, byte: bytes) -> None:
-        """Send a character that is acted on at once and not answered."""
-        self._write(byte)
+    def send(self, data: bytes) -> None:
+        """Send bytes, such as a character that is acted on at once and not answered."""
+        try:
+            self._port.write(data)
+        except self._errors as error:
+            raise _lost(error) from None
 
     def wait_banner(self, wait_s: float) -> None:
-        """Wait for the ``Grbl`` banner, at most ``wait_s``."""
+        """Wait for the first ``Grbl`` banner, at most ``wait_s``; each later one is a reset."""
         end = time.monotonic() + wait_s
         while time.monotonic() < end and not self.banner:
             self.drain()
             time.sleep(0.002)
+        self.unknown = "it was not asked yet"
 
     def drain(self) -> None:
         """Read the lines that GRBL sent unrequested, such as an alarm."""
@@ -225,7 +278,7 @@ class GrblLink:
     def parse_status(self, line: str) -> Status | None:
         """Return the status of a line; None: it is no complete status report.
 
-        The position is MPos, or WPos plus the last reported offset.
+        The position is MPos, or WPos plus the last offset that was reported since the start.
         """
         if not (line.startswith("<") and line.endswith(">")):
             return None
@@ -241,27 +294,25 @@ class GrblLink:
                 values[name] = (x, y, z)
         self._offset = values.get("WCO", self._offset)
         position = values.get("MPos")
-        if position is None and "WPos" in values:
+        if position is None and "WPos" in values and self._offset is not None:
             x, y, z = (w + o for w, o in zip(values["WPos"], self._offset, strict=True))
             position = (x, y, z)
-        return None if position is None else Status(state.partition(":")[0], position)
+        return Status(state.partition(":")[0], position)
 
     def _note(self, line: str) -> None:
         status = self.parse_status(line)
         if status is not None:
             self.last = status
+            if status.state == "Alarm":
+                self.unknown = self.unknown or "it is locked by an alarm, as before it is homed"
         elif line.startswith("ALARM:"):
             numbers = _NUMBERS.findall(line)
             self.alarm = int(numbers[0]) if numbers else -1
             self.last = replace(self.last, state="Alarm")
-        elif line.startswith("Grbl"):
-            self.banner = line
-
-    def _write(self, data: bytes) -> None:
-        try:
-            self._port.write(data)
-        except self._errors as error:
-            raise _lost(error) from None
+            self.unknown = describe_alarm(self.alarm)
+        elif _BANNER.search(line):
+            self.banner, self._offset = line, None
+            self.unknown = f"its controller was reset, for it says {line!r}"
 
     def _next_line(self) -> str | None:
         """Return the oldest line that was not read yet; None: there is none."""
@@ -314,110 +365,158 @@ class GrblRobot(Robot):
         self._settings: dict[str, float] = {}
         self._version = ""
         self._polled_at = 0.0
-        self._moving = self._homing = False
+        self._rest: tuple[float, float, float] | None = None
+        self._moving = self._homing = self._moves = False
         self.at_switches = False
 
-    def connect(self) -> None:
-        """Open the port, check the stage's settings, and home it where ``robot.home`` says so.
+    def connect(self, purpose: Purpose = "move") -> None:
+        """Open the port, check the stage's settings, and home it where that is asked for.
 
         Raises:
             UserError: The port does not answer as GRBL, or a setting does not fit the
                 configuration.
-            NotHomedError: The stage is not homed; all else is as it should be.
+            PositionUnknownError: The stage is to move, and may not be homed.
             RobotError: The stage fails.
         """
         address = self._robot.address
         link = self._open_link = GrblLink(address)
         link.wait_banner(BANNER_SOCKET_S if address.startswith("socket://") else BANNER_S)
-        try:
-            link.command("")
-        except NoAnswerError:
+        for _ in range(2):  # it may start only now
+            link.send(HARMLESS)
+            with suppress(NoAnswerError):
+                link.read_modes()
+                break
+        else:
             raise UserError(
                 f"nothing at {address} answers as GRBL 1.1 does; check that it is the stage's port "
                 "and runs at 115200 baud."
-            ) from None
-        try:
+            )
+        versions: list[str] = []
+        with suppress(RobotError):  # $I needs an idle controller
             versions = [line for line in link.command("$I") if line.startswith("[VER")]
-        except RobotError:  # $I needs an idle controller
-            versions = []
         self._version = versions[0] if versions else link.banner
-        try:
-            lines = link.command("$$")
-        except NoAnswerError:  # the answer may have been damaged on its way
-            lines = link.command("$$")
-        self._settings = _parse_settings(lines)
+        for _ in range(2):  # an answer may be damaged on its way
+            with suppress(NoAnswerError):
+                self._settings |= _parse_settings(link.command("$$"))
+            if self._settings.keys() >= _NEEDED.keys():
+                break
         self._check_settings()
-        self._check_homed()
+        link.unknown = ""
+        self._check_mark()
+        link.status()
+        self._moves = purpose != "look"
+        if purpose == "home" or (purpose == "move" and link.unknown and self._robot.home):
+            self.home()
+        if purpose != "look":
+            link.check_known()
 
     def home(self) -> None:
         """Drive to the switches; meanwhile GRBL answers nothing but a reset.
 
+        Where a stage has none, a person says by this that its position is right.
+
         Raises:
             RobotError: GRBL refuses, or does not answer within HOMING_S.
         """
-        self._link.alarm, self._homing = 0, True
-        self._link.command("$H", HOMING_S)
-        self._homing, self._polled_at, self.at_switches = False, 0.0, True
+        link = self._link
+        link.drain()
+        link.alarm, link.unknown, self._homing = 0, "", self._homes
+        try:
+            link.command("$H" if self._homes else "$X", HOMING_S)
+            link.command(f"{MARK}G21G94")
+        except RobotError:
+            link.unknown = link.unknown or "it could not be homed"
+            raise
+        self._homing, self._polled_at, self.at_switches = False, 0.0, self._homes
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:  # noqa: ARG002
         """Begin a jog; the acceleration is the stage's own."""
         turn = angle_between(pose, self._work_frame)
         if turn > TURN_DEG:
             raise RobotError(f"the stage cannot turn, but was to turn by {turn:.1f} deg.")
-        x, y, z = pose[:3]
-        try:
-            self._link.command(f"$J=G53G90G21X{x:.4f}Y{y:.4f}Z{z:.4f}F{60 * speed:.1f}")
-        except NoAnswerError:  # the answer was lost: the caller sees whether it moves
-            self._link.status()
+        link = self._link
+        self._check_mark()  # after late answers, so that nothing moves once the place was read
+        place = self._read_place()
+        if link.last.state != "Idle":
+            raise RobotError(f"the stage is not at rest, but in state {link.last.state}.")
+        x, y, z = (b - a for a, b in zip(place, pose[:3], strict=True))
+        self._rest = None
+        link.command(f"$J=X{x:.4f}Y{y:.4f}Z{z:.4f}F{60 * speed:.1f}G21G91")
         self._moving, self._polled_at, self.at_switches = True, 0.0, False
 
     def moving(self) -> bool:
         """Return whether the jog goes on."""
         if self._moving:
             self._moving = self._status().state not in ("Idle", "Alarm", "Sleep", "Hold", "Door")
+            self._link.check_known()
         return self._moving
 
     def pose(self) -> Pose6:
         """Return the pose of the tool; at rest it comes from a new report."""
-        if not self._moving:
-            self._polled_at = 0.0
-        return self._with_turn(*self._status().position)
+        place = self._known_place(self._status()) if self._moving else self._read_place()
+        return *place, *self._work_frame[3:]
+
+    def _check_mark(self) -> None:
+        """Note that the position is not known where the mark is gone, in two answers."""
+        if not any(re.search(rf"\b{MARK}\b", self._link.read_modes()) for _ in range(2)):
+            reason = "its controller was not told where it is since it started"
+            self._link.unknown = self._link.unknown or reason
+
+    def _read_place(self) -> tuple[float, float, float]:
+        """Return the place of a new report; at rest the report before must tell it, too.
+
+        A jog from a wrong place would go a wrong way: a report may be damaged, and a reset may go
+        unnoticed where the line that tells it is.
+        """
+        link, before = self._link, self._rest
+        place = self._known_place(link.status())
+        for _ in range(2):
+            if link.last.state != "Idle" or (before and math.dist(before, place) <= SAME_MM):
+                break
+            before, place = place, self._known_place(link.status())
+        expected = self._rest or before
+        self._rest = place if link.last.state == "Idle" else None
+        if expected and math.dist(expected, place) > SAME_MM:
+            link.unknown = "it says another place than before, and nothing moved it"
+            link.check_known()
+        return place
+
+    def _known_place(self, status: Status) -> tuple[float, float, float]:
+        self._link.check_known()
+        assert status.position is not None, "status tells one, or a reason"  # noqa: S101
+        return status.position
 
     def stop(self) -> None:
         """Cancel the jog."""
-        self._link.realtime(_CANCEL)
+        self._link.send(_CANCEL)
         self._moving, self._polled_at = True, 0.0
 
     def state(self) -> RobotState:
         """Return whether GRBL would move."""
         self._link.drain()
         status = self._status()
-        alarm = self._link.alarm
-        if alarm or status.state == "Alarm":
-            description = describe_alarm(alarm) if alarm else "locked by an alarm"
-            return RobotState(normal=False, description=f"GRBL {description}")
-        if status.state in ("Hold", "Door", "Sleep", "Check"):
-            description = f"GRBL is in state {status.state}, somebody at the stage paused it"
-            return RobotState(normal=False, description=description)
-        return RobotState(normal=True, description=status.state)
+        self._link.check_known()
+        if status.state in ("Idle", "Jog"):
+            return RobotState(normal=True, description=status.state)
+        description = f"GRBL is in state {status.state}: somebody paused it, or something else runs"
+        return RobotState(normal=False, description=description)
 
     def close(self) -> None:
         """Stop all motion and close the port."""
         if self._open_link is None:
             return
         with suppress(RobotError):
-            if self._homing or self._may_move():
-                self._link.realtime(_HOLD)
-                self._link.realtime(_RESET)
+            if self._moves:
+                self._link.send(_CANCEL)
+            # A reset erases the mark, too: nobody takes a lost position for a known one later.
+            if self._homing or (self._moves and self._link.unknown):
+                self._link.send(_HOLD + _RESET)
         self._link.close()
 
     def describe(self) -> dict[str, str]:
         """Return the firmware's version and the settings of motion."""
-        settings = {
-            key: f"{value:g}"
-            for key, value in sorted(self._settings.items())
-            if key in ("$13", "$20", "$21", "$22") or key[1:].startswith(("11", "12", "13"))
-        }
+        keys = ("$10", "$13", "$20", "$21", "$22", *_RATES.values())
+        settings = {key: f"{self._settings[key]:g}" for key in keys if key in self._settings}
         return {"driver": "grbl", "version": self._version, **settings}
 
     @property
@@ -425,74 +524,47 @@ class GrblRobot(Robot):
         assert self._open_link is not None, "connected"  # noqa: S101
         return self._open_link
 
-    def _may_move(self) -> bool:
-        """Return whether the stage may still move; a silent stage may where it moved before."""
-        try:
-            return self._link.status(0.3).state in ("Run", "Jog", "Hold", "Home")
-        except NoAnswerError:
-            return self._moving
-
-    def _with_turn(self, x: float, y: float, z: float) -> Pose6:
-        return x, y, z, *self._work_frame[3:]
-
     def _status(self) -> Status:
         """Return the last report, or a new one where that is older than POLL_S."""
-        if time.monotonic() - self._polled_at > POLL_S:
+        if time.monotonic() - self._polled_at > POLL_S or self._link.last.position is None:
             self._link.status()
             self._polled_at = time.monotonic()
         return self._link.last
 
+    @property
+    def _homes(self) -> bool:
+        return bool(int(self._settings.get("$22", HOMES)) & HOMES)
+
     def _check_settings(self) -> None:
-        settings = self._settings
-        needed = [("$13", 0.0, "reports are in mm")]
-        if not self._robot.allow_unhomed:
-            needed.append(("$20", 1.0, "soft limits are on"))
-        for key, value, why in needed:
-            if key not in settings:
+        settings, robot = self._settings, self._robot
+        for key, (value, meaning) in _NEEDED.items():
+            told = settings.get(key)
+            if told is None and key not in robot.lacks:
                 raise UserError(
-                    f"the stage did not tell its setting {key}; run it again, and check the cable."
+                    f"the stage does not tell its setting {key} ({meaning}); where its firmware "
+                    f'has no such setting, check that by hand and write robot.lacks = ["{key}"].'
                 )
-            if settings[key] != value:
-                raise UserError(
-                    f"the stage has {key}={settings[key]:g}; set {key}={value:g} so that {why}."
-                )
-        robot = self._robot
+            if not (
+                None in (told, value) or told == value or (key == "$20" and robot.allow_unhomed)
+            ):
+                raise UserError(f"the stage has {key}={told:g}; set {key}={value:g} ({meaning}).")
         fastest = max(robot.approach_mm_s, robot.press_mm_s, robot.retract_mm_s)
         for axis, key in _RATES.items():
-            most = settings.get(key, 0.0) / 60.0
+            most = settings.get(key, math.inf) / 60.0
             if fastest > most + 1e-6:
                 raise UserError(
                     f"the configuration asks for {fastest:g} mm/s, but axis {axis} of the stage "
-                    f"reaches {most:.1f} mm/s ({key}={settings.get(key, 0.0):g} mm/min); lower the "
-                    "speeds in [robot]."
+                    f"reaches {most:.1f} mm/s ({key}={settings[key]:g} mm/min); lower the speeds "
+                    "in [robot]."
                 )
-
-    def _check_homed(self) -> None:
-        if self._settings.get("$22") != 1.0:
-            if not self._robot.allow_unhomed:
-                raise UserError(
-                    "the stage does not home ($22=0), so its position is not known; fit switches "
-                    "and set $22=1, or say robot.allow_unhomed = true and set its zero by hand."
-                )
-            return
-        if self._link.status().state != "Alarm":
-            return
-        if not self._robot.home:
-            raise NotHomedError(
-                "the stage is not homed, so its position is not known; clear its way and run "
-                "`tactibench hw jog --home` (a stage that forgets it when its port is opened needs "
-                "robot.home = true: every command that moves it then homes it first)."
+        if not (self._homes or robot.allow_unhomed):
+            raise UserError(
+                f"the stage does not home ($22={settings['$22']:g}), so its position is not known; "
+                "fit switches and set $22=1, or say robot.allow_unhomed = true and set its zero by "
+                "hand."
             )
-        self.home()
 
 
 def _parse_settings(lines: list[str]) -> dict[str, float]:
-    settings = {}
-    for line in lines:
-        key, equals, value = line.partition("=")
-        if key.startswith("$") and equals:
-            try:
-                settings[key] = float(value)
-            except ValueError:
-                raise RobotLostError(f"GRBL's setting {line!r} is damaged; try again.") from None
-    return settings
+    found = (_SETTING.match(line) for line in lines)
+    return {match[1]: float(match[2]) for match in found if match}

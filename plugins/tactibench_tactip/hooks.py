@@ -13,13 +13,7 @@ def tactibench_sensors() -> list[SensorSpec]:
             "tactip",
             "tactibench_tactip.sensor:TacTip",
             "a real TacTip and the robot that presses it, as a configuration file says",
-            (
-                Parameter(
-                    "config",
-                    "",
-                    "the configuration file, see docs/hardware.md",
-                ),
-            ),
+            (Parameter("config", "", "the configuration file, see docs/hardware.md"),),
             origin="real",
         )
     ]

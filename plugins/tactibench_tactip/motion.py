@@ -28,13 +28,14 @@ from tactibench_tactip.geometry import (
 from tactibench_tactip.robots import (
     GuardError,
     ProtectiveStopError,
+    Purpose,
     Robot,
     RobotError,
     RobotState,
     StopNowError,
     connect_seconds,
 )
-from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.settings import Pose6, RobotSettings, Settings
 
 T = TypeVar("T")
 
@@ -46,13 +47,26 @@ TURN_DEG_S = 50.0
 """Speed at which a tool is assumed to turn."""
 REACHED_MM, REACHED_DEG = 0.1, 0.2
 """Distance and angle within which a pose counts as reached."""
+STANDS_MM, STANDS_DEG = 0.05, 0.1
+"""Distance and angle within which a tool that is not said to move has made its move: less than a
+step of a search."""
 OFF_LINE_MM = 2.0
 """Distance of the tool from its line above which a move is stopped."""
 CLOSE_S = 10.0
 STOP_S = 3.0
 """Longest wait until a stopped robot stands still."""
+QUIET_S = 20.0
+"""Time for which the robot's thread may do nothing: every single answer is waited for less."""
+GRACE_S = 1.5
+"""Time after which a move counts as ended, where the tool stands short of its target and the
+controller reports no move: some report a move only a little after its beginning."""
 SLACK_MM = 0.05
 """Distance below clearance at which the tool still counts as being at clearance."""
+STEP_MM = 0.5
+"""Longest move that nobody watches where the tool may touch: a controller that no longer hears this
+program goes on no farther. The watchdog of a UR watches a move of less in its period."""
+LEAST_SHARE = 0.01
+"""Least share of the speed that a move is waited for: below, the speed slider stands at zero."""
 
 Guard = Callable[[Pose6], str]
 """A function of the pose in the work frame during a move, which returns a reason to stop it, or
@@ -84,6 +98,16 @@ def patience(expected_s: float) -> float:
     return 2.0 * expected_s + 2.0
 
 
+def steps_in_touch(start: Pose6, target: Pose6, speed: float, robot: RobotSettings) -> list[Pose6]:
+    """Return the ends of the moves that make a move where the tool may touch, see STEP_MM."""
+    watched = robot.driver == "ur" and speed <= STEP_MM * robot.watchdog_hz
+    if watched or target[2] <= start[2]:
+        return [target]
+    count = math.ceil(distance_between(start, target) / STEP_MM)
+    places = np.linspace(start[:3], target[:3], count + 1)[1:].tolist()
+    return [(x, y, z, *target[3:]) for x, y, z in places]
+
+
 def distance_from_line(start: Pose6, end: Pose6, here: Pose6) -> float:
     """Return the distance of a position from the line between two, mm."""
     a, b, p = (np.array(pose[:3]) for pose in (start, end, here))
@@ -100,6 +124,10 @@ class Mover:
         robot: The connected robot.
         settings: Configuration of the setup.
         halt: Event that is set from outside to stop at once.
+
+    Attributes:
+        last_pose: The pose that was read last, in the work frame; None: none was.
+        checked_s: Moment of ``time.monotonic`` of the last check of the robot.
     """
 
     def __init__(self, robot: Robot, settings: Settings, halt: threading.Event) -> None:
@@ -108,14 +136,13 @@ class Mover:
         self._halt = halt
         self._work = matrix(settings.frames.work_frame)
         self._from_base = inverse(self._work)
+        self.last_pose: Pose6 | None = None
+        self.checked_s = 0.0
 
     def pose(self) -> Pose6:
         """Return the pose of the tool in the work frame."""
-        return pose_of(self._from_base @ matrix(self._robot.pose()))
-
-    def state(self) -> RobotState:
-        """Return the robot's state."""
-        return self._robot.state()
+        self.last_pose = pose_of(self._from_base @ matrix(self._robot.pose()))
+        return self.last_pose
 
     def force(self) -> Array | None:
         """Return the force (3,) in the work frame, N; None where the robot does not measure it."""
@@ -126,21 +153,35 @@ class Mover:
     def go(self, target: Pose6, speed: float, guard: Guard | None = None) -> None:
         """Move straight to a pose in the work frame and wait until it is reached.
 
+        The way out, up from the sensor, is always free: neither the guard nor the time that a move
+        may take stops it while the tool moves.
+
         Args:
             target: The pose.
             speed: Top speed, mm/s.
             guard: Guard of the move, if any.
 
         Raises:
-            RobotError: The target lies outside the envelope, or the robot is not normal, stops
-                before the target or needs too long.
+            RobotError: The target lies outside the envelope, and farther than the tool does, or the
+                robot is not normal, stops before the target or needs too long.
             GuardError: The tool leaves its line, or the guard returns a reason.
             StopNowError: Somebody asked to stop.
         """
-        violation = envelope_violation(self._settings.envelope, target)
+        violation = envelope_violation(self._settings.envelope, target, self.pose())
         if violation:
             raise RobotError(f"the tool was to go to {violation}; nothing was moved.")
         self._go(target, speed, guard)
+
+    def go_in_touch(self, target: Pose6, speed: float, guard: Guard) -> None:
+        """Move as ``go`` does where the tool may touch: in steps, unless the robot has a watchdog.
+
+        Args:
+            target: The pose, of the present orientation.
+            speed: Top speed, mm/s.
+            guard: Guard of the move.
+        """
+        for pose in steps_in_touch(self.pose(), target, speed, self._settings.robot):
+            self.go(pose, speed, guard)
 
     def check_inside(self) -> Pose6:
         """Return the pose of the tool, or raise UserError where it is outside the envelope."""
@@ -171,17 +212,22 @@ class Mover:
         self._go((0.0, 0.0, z, a, b, c), speed, None)
         self._go((0.0, 0.0, max(z, -limits.above_mm), a, b, c), speed, None)
 
-    def descend(self, path: PressPath, guard: Guard) -> None:
+    def descend(self, path: PressPath, guard: Guard) -> int:
         """Move along a path, above, near and down, from any place at clearance.
 
         Args:
             path: Path of the press.
             guard: Guard of the moves to near and down.
+
+        Returns:
+            The moment of ``time.monotonic_ns`` at which the tool left near.
         """
         robot = self._settings.robot
         self.go(path.above, robot.approach_mm_s)
         self.go(path.near, robot.approach_mm_s, guard)
-        self.go(path.down, robot.press_mm_s, guard)
+        left_ns = time.monotonic_ns()
+        self.go_in_touch(path.down, robot.press_mm_s, guard)
+        return left_ns
 
     def withdraw(self, scene: Scene, geometry: PressGeometry) -> None:
         """Move straight back along the approach axis to clearance, unless the tool is that high."""
@@ -190,7 +236,7 @@ class Mover:
         if not math.isfinite(clear):  # beside the dome: up along the work frame's own axis
             self.raise_straight(geometry)
         elif reached.pose.depth > clear + SLACK_MM:
-            self.go(geometry.at_depth(reached, clear), self._settings.robot.retract_mm_s)
+            self._go(geometry.at_depth(reached, clear), self._settings.robot.retract_mm_s, None)
 
     def raise_straight(self, geometry: PressGeometry) -> None:
         """Move up along the work frame's z until the whole indenter is clearance_mm above the apex.
@@ -200,7 +246,7 @@ class Mover:
         x, y, z, a, b, c = self.pose()
         if z > geometry.clear_height + SLACK_MM:
             above = (x, y, geometry.clear_height, a, b, c)
-            self.go(above, self._settings.robot.approach_mm_s)
+            self._go(above, self._settings.robot.approach_mm_s, None)
 
     def force_guard(self) -> Guard:
         """Return a guard that stops where the force differs by ``max_force_n`` from now."""
@@ -208,8 +254,10 @@ class Mover:
 
         def guard(_: Pose6) -> str:
             force = self.force()
-            if before is None or force is None:
+            if before is None:
                 return ""
+            if force is None:
+                return "the robot no longer tells its force; look at it."
             change = float(np.linalg.norm(force - before))
             if change <= most_n:
                 return ""
@@ -221,20 +269,29 @@ class Mover:
         return guard
 
     def stop(self) -> None:
-        """Stop the robot and wait until it stands still, at most STOP_S."""
+        """Stop the robot, or raise RobotError where it does not stand still within STOP_S."""
         self._robot.stop()
         end = time.monotonic() + STOP_S
-        while self._robot.moving() and time.monotonic() < end:
+        while self._robot.moving():
+            if time.monotonic() > end:
+                raise RobotError(f"the robot still moves {STOP_S:g} s after it was told to stop.")
             time.sleep(TICK_S)
 
-    def check(self) -> None:
-        """Raise StopNowError on a request to stop, RobotError where the robot is not normal."""
+    def check(self) -> RobotState:
+        """Return the state, or raise an error.
+
+        Raises:
+            StopNowError: Somebody asked to stop.
+            RobotError: The robot is not normal.
+        """
+        self.checked_s = time.monotonic()
         if self._halt.is_set():
             raise StopNowError
         state = self._robot.state()
         if not state.normal:
             kind = ProtectiveStopError if state.stopped else RobotError
             raise kind(f"the robot is not normal: {state.description}.")
+        return state
 
     def rest(self, seconds: float) -> None:
         """Stand still for a time.
@@ -268,18 +325,28 @@ class Mover:
                 )
 
     def _wait(self, start: Pose6, target: Pose6, speed: float, guard: Guard | None) -> None:
-        robot = self._settings.robot
-        expected = move_seconds(start, target, speed, robot.acceleration_mm_s2)
-        limit = patience(expected)
-        end = time.monotonic() + limit
+        """Wait until a move ends, and stop it where something is wrong."""
+        goes_out = target[2] < start[2] - SLACK_MM
+        expected = move_seconds(start, target, speed, self._settings.robot.acceleration_mm_s2)
+        share, last = 1.0, start
+        began_s = moved_s = time.monotonic()
         try:
-            while self._robot.moving():
-                self.check()
-                self._check_way(start, target, guard)
-                if time.monotonic() > end:
+            while self._robot.moving() or (
+                time.monotonic() - moved_s < GRACE_S
+                and not _same(self.pose(), target, STANDS_MM, STANDS_DEG)
+            ):
+                share = max(LEAST_SHARE, min(share, self.check().speed_share))
+                pose = self.pose()
+                self._check_way(start, target, pose, None if goes_out else guard)
+                now_s = time.monotonic()
+                if distance_between(pose, last) > REACHED_MM:
+                    last, moved_s = pose, now_s
+                limit = patience(expected / share)
+                if now_s - (moved_s if goes_out else began_s) > limit:
+                    slow = f" with the speed slider at {100 * share:.0f} %" if share < 1.0 else ""
                     raise RobotError(
                         f"a move of {distance_between(start, target):.1f} mm took longer than "
-                        f"{limit:.1f} s; look whether the robot is held or slowed down."
+                        f"{limit:.1f} s{slow}; look whether the robot is held or slowed down."
                     )
                 time.sleep(TICK_S)
         except BaseException:
@@ -288,10 +355,9 @@ class Mover:
             raise
         self.check()
 
-    def _check_way(self, start: Pose6, target: Pose6, guard: Guard | None) -> None:
-        pose = self.pose()
+    def _check_way(self, start: Pose6, target: Pose6, pose: Pose6, guard: Guard | None) -> None:
         distance = distance_from_line(start, target, pose)
-        if distance > OFF_LINE_MM:
+        if not distance <= OFF_LINE_MM:  # a pose of NaN is beside every line
             raise GuardError(f"the tool was {distance:.1f} mm beside its line.")
         reason = "" if guard is None else guard(pose)
         if reason:
@@ -304,15 +370,22 @@ class RobotThread:
     On entry, RobotError is raised where the robot does not answer within ``robot.connect_s``,
     homing not counted.
 
+    Args:
+        robot: The robot.
+        settings: Configuration of the setup.
+        purpose: What the robot is connected for.
+
     Attributes:
         robot: The robot.
         halt: Event that stops all motion, also homing while it connects.
+        mover: Mover of the robot; only jobs may call it.
     """
 
-    def __init__(self, robot: Robot, settings: Settings) -> None:
+    def __init__(self, robot: Robot, settings: Settings, purpose: Purpose = "move") -> None:
         self.robot = robot
         self.halt = threading.Event()
-        self._settings = settings
+        self.mover = Mover(robot, settings, self.halt)
+        self._settings, self._purpose = settings, purpose
         self._jobs: queue.SimpleQueue[tuple[Callable[[Mover], Any], Future[Any]] | None] = (
             queue.SimpleQueue()
         )
@@ -320,10 +393,13 @@ class RobotThread:
 
     def __enter__(self) -> Self:
         self._thread.start()
-        seconds = connect_seconds(self._settings)
-        connected = self._submit(lambda _: self.robot.connect())
+        seconds = connect_seconds(self._settings, self._purpose)
+        end = time.monotonic() + seconds
+        connected = self._submit(lambda _: self.robot.connect(self._purpose))
         try:
-            if not _ends(connected, seconds, unless=self.halt):
+            while not (connected.done() or self.halt.is_set()) and time.monotonic() < end:
+                wait([connected], LOOK_S)
+            if not connected.done():
                 if self.halt.is_set():
                     raise StopNowError
                 raise RobotError(
@@ -344,26 +420,27 @@ class RobotThread:
         self._jobs.put(None)
         self._thread.join(CLOSE_S)
 
-    def do(self, job: Callable[[Mover], T], deadline_s: float) -> T:
+    def do(self, job: Callable[[Mover], T]) -> T:
         """Return the result of a job that the robot's thread does.
 
-        Errors of the job are raised here. A job whose caller no longer waits, because of the
-        deadline or of Ctrl-C, is told to stop, or never begun.
+        Errors of the job are raised here. A job whose caller no longer waits, because nothing was
+        done for QUIET_S or because of Ctrl-C, is told to stop, or never begun.
 
         Args:
             job: Function of the mover.
-            deadline_s: Seconds within which the job must end.
 
         Raises:
-            RobotError: The job has not ended by the deadline.
+            RobotError: The robot's thread hangs.
         """
-        future = self._submit(job)
+        future, asked_s = self._submit(job), time.monotonic()
         try:
-            if not _ends(future, deadline_s):
-                raise RobotError(
-                    f"the robot's thread has not answered for {deadline_s:.0f} s; it was told to "
-                    "stop. Look at the robot."
-                )
+            while not future.done():
+                if time.monotonic() - max(asked_s, self.mover.checked_s) > QUIET_S:
+                    raise RobotError(
+                        f"the robot's thread has not answered for {QUIET_S:g} s; it was told to "
+                        "stop. Look at the robot."
+                    )
+                wait([future], LOOK_S)
         except BaseException:
             if not future.done():
                 self.halt.set()
@@ -377,7 +454,6 @@ class RobotThread:
         return future
 
     def _run(self) -> None:
-        mover = Mover(self.robot, self._settings, self.halt)
         while True:
             item = self._jobs.get()
             if item is None:
@@ -386,21 +462,11 @@ class RobotThread:
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                future.set_result(job(mover))
+                future.set_result(job(self.mover))
             except BaseException as error:  # noqa: BLE001 - given to the caller
                 future.set_exception(error)
         self.robot.close()
 
 
-def _ends(future: Future[Any], seconds: float, unless: threading.Event | None = None) -> bool:
-    """Return whether a job ends within a time, and before an event is set."""
-    end = time.monotonic() + seconds
-    while not future.done() and (left := end - time.monotonic()) > 0:
-        if unless is not None and unless.is_set():
-            break
-        wait([future], min(left, LOOK_S))
-    return future.done()
-
-
-def _same(a: Pose6, b: Pose6) -> bool:
-    return distance_between(a, b) < REACHED_MM and angle_between(a, b) < REACHED_DEG
+def _same(a: Pose6, b: Pose6, mm: float = REACHED_MM, deg: float = REACHED_DEG) -> bool:
+    return distance_between(a, b) < mm and angle_between(a, b) < deg

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from tactibench import Indenter, Scene, UserError
-from tactibench.lab import Press, plan_presses, press_rows
+from tactibench.lab import Press, plan_presses, press_rows, spread
 from tactibench_tactip.geometry import (
     PressGeometry,
     PressPath,
@@ -17,16 +18,16 @@ from tactibench_tactip.geometry import (
     envelope_violation,
     geometry_of,
 )
-from tactibench_tactip.motion import move_seconds
+from tactibench_tactip.motion import move_seconds, steps_in_touch
 from tactibench_tactip.settings import Pose6, Settings
-
-T = TypeVar("T")
 
 SAME_MM = 1e-6
 """Difference within which radii and tips of two indenters are the same: the numbers come from
 files, not from measurements."""
-CAPTURE_S = 0.3
-"""Time of the frames of a press and of the frame after it."""
+SIDEWAYS_MM = 7.0
+"""Distance from a press to the next one."""
+LOOK_S = 0.1
+"""Time until it is seen that a step in touch has ended."""
 SEARCH_S = 60.0
 """Time of a search for first touch."""
 TURN_DEG = 0.05
@@ -97,12 +98,6 @@ def plan_of(
     return CollectionPlan(source, tuple(ordered), splits)
 
 
-def spread_evenly(items: Sequence[T], count: int) -> list[T]:
-    """Return at most ``count`` of the items, evenly spread, in their order."""
-    few = min(count, len(items))
-    return [items[(2 * k + 1) * len(items) // (2 * few)] for k in range(few)]
-
-
 def _draw_and_count(text: str) -> tuple[str, int | None]:
     """Return name and count of a text NAME or NAME=N."""
     name, equals, number = text.partition("=")
@@ -116,11 +111,9 @@ def _limit_presses(presses: list[Press], counts: Mapping[str, int | None]) -> li
     groups: dict[tuple[str, Indenter], list[Press]] = {}
     for press in presses:
         groups.setdefault((press.draw, press.scene.indenter), []).append(press)
-    ids = {
-        press.id
-        for (draw, _), group in groups.items()
-        for press in spread_evenly(group, counts.get(draw) or len(group))
-    }
+    ids: set[int] = set()
+    for (draw, _), group in groups.items():
+        ids |= {press.id for press in spread(group, counts.get(draw))}
     return [press for press in presses if press.id in ids]
 
 
@@ -195,26 +188,24 @@ def estimate_seconds(presses: Iterable[Press], settings: Settings) -> float:
     """Return the time that presses take, s, searches for first touch included."""
     geometry = geometry_of(settings)
     paths = [geometry.path(with_smallest_turn(press.scene)) for press in presses]
-    searches = 1 + len(paths) // settings.contact.every_presses
-    return sum(path_seconds(path, settings) + CAPTURE_S for path in paths) + SEARCH_S * searches
+    searches, camera = 1 + len(paths) // settings.contact.every_presses, settings.camera
+    # The frames of a press, and one after it; both wait until no frame is from before.
+    frames_s = 2.0 * camera.lag_s + (camera.burst + 3.0) / camera.fps
+    return sum(path_seconds(path, settings) + frames_s for path in paths) + SEARCH_S * searches
 
 
-def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) -> float:
-    """Return the time that a press takes, s, without its frames.
-
-    Args:
-        path: Path of the press.
-        settings: Configuration of the setup.
-        sideways_mm: Distance from the press before.
-    """
+def path_seconds(path: PressPath, settings: Settings) -> float:
+    """Return the time that a press takes, s, without its frames."""
     robot = settings.robot
     a = robot.acceleration_mm_s2
     x, y, z, *turn = path.above
-    before: Pose6 = (x + sideways_mm, y, z, *turn)  # type: ignore[assignment]
+    before: Pose6 = (x + SIDEWAYS_MM, y, z, *turn)  # type: ignore[assignment]
+    steps = steps_in_touch(path.near, path.down, robot.press_mm_s, robot)
     return (
         move_seconds(before, path.above, robot.approach_mm_s, a)
         + move_seconds(path.above, path.near, robot.approach_mm_s, a)
-        + move_seconds(path.near, path.down, robot.press_mm_s, a)
+        + sum(move_seconds(*step, robot.press_mm_s, a) for step in pairwise((path.near, *steps)))
+        + LOOK_S * (len(steps) - 1)
         + settings.timing.settle_s
         + move_seconds(path.down, path.above, robot.retract_mm_s, a)
     )

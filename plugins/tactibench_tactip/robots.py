@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from tactibench import Indenter, UserError
 from tactibench_tactip.camera import Camera, DeviceError
@@ -27,10 +27,8 @@ DRIVERS = MappingProxyType(
 SIMULATION = ("tactibench_tactip.simulation", "SimulatedRobot")
 HOMING_S = 90.0
 """Time within which a stage reaches its switches, s."""
-
-
-class NotHomedError(UserError):
-    """A stage does not know where it is, and may not drive to its switches."""
+Purpose = Literal["look", "move", "home"]
+"""What a robot is connected for: to be looked at, to move, or to drive to its switches first."""
 
 
 class RobotError(DeviceError):
@@ -39,6 +37,10 @@ class RobotError(DeviceError):
 
 class RobotLostError(RobotError):
     """The connection to the robot is gone."""
+
+
+class PositionUnknownError(RobotError):
+    """Nobody knows where the tool is: the robot can be homed, and nothing else moves it."""
 
 
 class ProtectiveStopError(RobotError):
@@ -63,6 +65,7 @@ class RobotState:
         stopped: Whether its controller stopped it to protect something.
         force_n: (x, y, z) N in the base frame; None where the robot does not measure it.
         time_s: Time of the robot's own clock.
+        speed_share: Share of every speed that a person at the robot allows.
     """
 
     normal: bool
@@ -70,6 +73,7 @@ class RobotState:
     stopped: bool = False
     force_n: tuple[float, float, float] | None = None
     time_s: float | None = None
+    speed_share: float = 1.0
 
 
 class Robot(Protocol):
@@ -81,13 +85,18 @@ class Robot(Protocol):
     Attributes:
         turns: Whether the tool can be turned.
         at_switches: Whether it is a stage that stands at its switches.
+        proviso: Clause about what its pose depends on, "" where that was checked.
     """
 
     turns: bool
     at_switches: bool = False
+    proviso: str = ""
 
-    def connect(self) -> None:
-        """Get ready to move, or raise an error that says why not; it may take ``connect_s``."""
+    def connect(self, purpose: Purpose = "move") -> None:
+        """Get ready, or raise an error that says why not; it may take ``connect_s``.
+
+        To be looked at, a robot is read only: nothing that runs there is stopped or changed.
+        """
         ...
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
@@ -105,7 +114,7 @@ class Robot(Protocol):
         ...
 
     def pose(self) -> Pose6:
-        """Return the pose of the tool."""
+        """Return the pose of the tool, or raise PositionUnknownError."""
         ...
 
     def stop(self) -> None:
@@ -154,9 +163,10 @@ def make_robot(settings: Settings) -> Robot:
     return robot
 
 
-def connect_seconds(settings: Settings) -> float:
+def connect_seconds(settings: Settings, purpose: Purpose = "move") -> float:
     """Return the time that connecting may take, s, with a stage's way to its switches."""
-    return settings.robot.connect_s + (HOMING_S if settings.robot.homes else 0.0)
+    may_home = purpose == "home" or (purpose == "move" and settings.robot.homes)
+    return settings.robot.connect_s + (HOMING_S if may_home else 0.0)
 
 
 class CriRobot(Robot):
@@ -178,7 +188,7 @@ class CriRobot(Robot):
         self._failure: BaseException | None = None
         self._pose: Pose6 = (0.0,) * 6
 
-    def connect(self) -> None:
+    def connect(self, purpose: Purpose = "move") -> None:  # noqa: ARG002
         """Make the robot.
 
         Raises:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError, __version__
-from tactibench_tactip.camera import DeviceError
 from tactibench_tactip.plan import describe_indenter, is_mounted, with_smallest_turn
 from tactibench_tactip.settings import Settings, read_settings
 from tactibench_tactip.station import Station
@@ -76,11 +75,8 @@ class TacTip(Sensor):
         self._check(scene)
         if station.touch_is_due:
             find_touch(station)
-        result = station.press_checked(with_smallest_turn(scene))
-        check = result.check
-        if check.reason:
-            raise DeviceError(f"the frames of a press cannot be kept: {check.reason}.")
-        rest = station.rest_reference()
+        result = station.press_well(with_smallest_turn(scene))
+        check, rest = result.check, station.rest_reference()
         return Frame(check.image, check.t_ns * 1e-9, result.scene.pose, rest.image)
 
     def describe(self) -> dict[str, Any]:

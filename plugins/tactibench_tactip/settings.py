@@ -27,6 +27,7 @@ from tactibench.lab import parse_toml
 Pose6 = tuple[float, float, float, float, float, float]
 """x, y, z mm, alpha, beta, gamma deg, extrinsic about x, y, z."""
 
+Crop = tuple[NonNegativeInt, NonNegativeInt, PositiveInt, PositiveInt]
 PoseInFile = Annotated[Pose6, Field(strict=False)]
 
 
@@ -36,7 +37,7 @@ BINDING = MappingProxyType(
         "frames": ("moves", "work_frame", "tcp_pose", "sensor"),
         "camera": ("size", "fourcc", "crop", "exposure", "gain", "burst"),
         "sensor": ("name", "dome_radius_mm", "deepest_mm"),
-        "contact": ("method", "at_mm", "fixed_mm", "force_n"),
+        "contact": ("method", "at_mm", "fixed_mm"),
     }
 )
 """Table -> keys that bind a data set, because its labels and frames depend on them. All others may
@@ -67,8 +68,11 @@ class RobotSettings(_Table):
             camera that shows a simulated sensor.
         connect_s: Time within which the robot must answer.
         watchdog_hz: Rate of the watchdog: a UR stops when it receives nothing for one period.
-        home: Whether to drive a stage to its switches when it is not homed.
+        home: Whether a stage whose position is not known drives to its switches before it moves:
+            the way to them is free from everywhere.
         allow_unhomed: Whether to use a stage that has no switches.
+        lacks: Settings that a stage's firmware does not have, such as "$13"; a person checked what
+            they would say.
         set_tcp: Whether a UR uses frames.tcp_pose where the pendant's TCP is another one.
     """
 
@@ -83,6 +87,7 @@ class RobotSettings(_Table):
     watchdog_hz: Annotated[float, Field(ge=2, le=50)] = 10.0
     home: bool = False
     allow_unhomed: bool = False
+    lacks: Annotated[tuple[str, ...], Field(strict=False)] = ()
     set_tcp: bool = False
 
     @property
@@ -174,23 +179,23 @@ class CameraSettings(_Table):
             its brightness.
         burst: Frames of one sample; their median is stored.
         stall_s: Time without a frame after which the camera counts as stalled.
+        noiseless: Whether it is a synthetic camera, whose frames may repeat to the last bit.
+        lag_s: Time by which a frame may come late, besides its own period; frames are taken so
+            much later, and a press that shows later ends the session.
     """
 
     source: str | int
     size: Annotated[tuple[PositiveInt, PositiveInt], Field(strict=False)] | None = None
     fps: PositiveFloat = 30.0
     fourcc: Annotated[str, Field(pattern=r"^[A-Za-z0-9]{4}$")] | None = None
-    crop: (
-        Annotated[
-            tuple[NonNegativeInt, NonNegativeInt, PositiveInt, PositiveInt], Field(strict=False)
-        ]
-        | None
-    ) = None
+    crop: Annotated[Crop, Field(strict=False)] | None = None
     exposure: float | None = None
     gain: float | None = None
     burst: Annotated[int, Field(ge=2, le=15)] = 3
     warmup_frames: Annotated[int, Field(ge=1, le=600)] = 60
     stall_s: Annotated[float, Field(gt=0, le=10)] = 1.0
+    lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1
+    noiseless: bool = False
 
 
 class IndenterSettings(_Table):
@@ -258,17 +263,15 @@ class ContactSettings(_Table):
         at_mm: Place of the search on the sensor, x and y.
         fixed_mm: First touch of method fixed, past the work frame's zero.
         spread_mm: Greatest difference of two searches.
-        force_n: Force that counts as touch, for method force.
     """
 
-    method: Literal["visual", "force", "fixed"] = "visual"
+    method: Literal["visual", "fixed"] = "visual"
     every_presses: PositiveInt = 250
     every_minutes: PositiveFloat = 30.0
     travel_mm: Annotated[float, Field(gt=0, le=10)] = 3.0
     at_mm: Annotated[tuple[float, float], Field(strict=False)] = (0.0, 0.0)
     fixed_mm: float = 0.0
     spread_mm: PositiveFloat = 0.15
-    force_n: PositiveFloat = 2.0
 
 
 class TimingSettings(_Table):

@@ -18,7 +18,7 @@ from tactibench import Indenter, Pose, Scene, SensorContext, UserError, open_sen
 from tactibench_tactip.camera import Camera, Image
 from tactibench_tactip.geometry import PressGeometry, inverse, matrix, pose_of
 from tactibench_tactip.motion import move_seconds
-from tactibench_tactip.robots import Robot, RobotState
+from tactibench_tactip.robots import Purpose, Robot, RobotState
 from tactibench_tactip.settings import CameraSettings, FrameSettings, Pose6, Settings
 
 SENSOR = "tactip-127"
@@ -56,7 +56,7 @@ class SimulatedRobot(Robot):
         place = tuple(a + b for a, b in zip(self.frames.sensor, OFFSET, strict=True))
         self.frames = self.frames.model_copy(update={"sensor": place})
 
-    def connect(self) -> None:
+    def connect(self, purpose: Purpose = "move") -> None:
         """Do nothing: there is no device."""
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
@@ -100,13 +100,21 @@ class SimulatedRobot(Robot):
     def camera(self, settings: CameraSettings) -> Camera:
         """Return a camera that looks at the simulated sensor, which is compiled at first."""
         capture = SimulatedCapture(self, settings.fps)
-        return Camera(settings, lambda _: capture)
+        return SimulatedCamera(settings, lambda _: capture)
 
     def scene(self) -> Scene:
         """Return the scene that the sensor shows now; its depth is negative without a contact."""
         geometry = PressGeometry(self.frames, self._dome, HIGHER_MM)
         tool = pose_of(inverse(self._work) @ matrix(self.pose()))
         return geometry.reached(Scene(self._indenter, Pose()), tool)
+
+
+class SimulatedCamera(Camera):
+    """A camera whose frames come as fast as this machine draws them."""
+
+    def check_rate(self) -> float:
+        """Return the rate that the configuration asks for."""
+        return self._settings.fps
 
 
 class SimulatedCapture:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
-from tactibench import Indenter, Scene, UserError
+from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.lab import Press
 from tactibench_tactip.camera import (
     Camera,
@@ -20,11 +20,16 @@ from tactibench_tactip.camera import (
     Reference,
     check_frames,
     count_pins,
-    is_other_light,
 )
-from tactibench_tactip.geometry import PressPath, geometry_of
-from tactibench_tactip.motion import Mover, RobotThread, patience
-from tactibench_tactip.plan import CollectionPlan, check_plan, path_seconds
+from tactibench_tactip.geometry import (
+    NEAR_MM,
+    PressGeometry,
+    PressPath,
+    distance_between,
+    geometry_of,
+)
+from tactibench_tactip.motion import Mover, RobotThread
+from tactibench_tactip.plan import CollectionPlan, check_plan
 from tactibench_tactip.robots import Robot, RobotError, RobotState, StopNowError, make_robot
 from tactibench_tactip.settings import Pose6, Settings
 
@@ -38,8 +43,12 @@ SAME_MM = 0.05
 """Distance that the tool may move while frames are taken."""
 RELAXING_S = 5.0
 """Time within which a skin comes back and a camera shows it."""
-LONG_S = 60.0
-"""Time that a job is expected to take where its caller does not say."""
+TRIAL_MM = 1.0
+"""Depth of the press that shows at the start how far the camera lags: every camera sees it."""
+SLACK_MM = 0.3
+"""Depth within which a press begins to show, with what the place of first touch may be off."""
+BEFORE_S = 0.3
+"""Time before first touch whose frames show the sensor as it was then."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,22 @@ class FirstTouch:
 
     z0_mm: float
     spread_mm: float
-    found_s: float = field(default_factory=time.monotonic)
+    found_s: float = field(default_factory=lambda: time.monotonic())
+
+
+@dataclass(frozen=True)
+class Descent:
+    """A descent to a press, on the clock of the frames.
+
+    Attributes:
+        touched_ns: Moment at which the tool passed first touch.
+        ended_ns: Moment at which it stood.
+        mm_s: Speed.
+    """
+
+    touched_ns: int
+    ended_ns: int
+    mm_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +122,7 @@ class Station:
         geometry: Geometry of presses, with the z0 of the latest first touch.
         touch: The latest first touch of the mounted indenter; None until one was found.
         rest: The undeformed sensor; None until ``look_at_rest``.
+        place: Where the tool was left, in a sentence; "" until the end.
     """
 
     def __init__(
@@ -112,6 +137,8 @@ class Station:
         self.rest: Reference | None = None
         self.touch: FirstTouch | None = None
         self._presses_since_touch = 0
+        self.place = ""
+        self._stop_asked = False
         self._pressed: Scene | None = None
         self._afterimage: Image | None = None
         self._stack = ExitStack()
@@ -123,46 +150,43 @@ class Station:
             # The first count of pins compiles code: this must not delay a robot that is connected.
             count_pins(self.camera.now().image)
             stack.enter_context(self.robot_thread)
+            stack.push(self._leave)
             self.do(self._enter)
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._stack:
-            problem = ""
-            try:
-                self.withdraw()
-            except RobotError as failure:
-                problem = str(failure)
-            except StopNowError:
-                problem = "the robot was stopped again; the tool was left where it is."
-            if problem and self._pressed is not None:
-                warning = f"{problem} It may be at a press: look before anything moves."
-                if error is None:
-                    raise RobotError(warning)
-                error.add_note(warning)
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
+
+    def _leave(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Withdraw the tool, and say where it is."""
+        problem = ""
+        try:
+            self.withdraw()
+        except RobotError as failure:
+            problem = f"{failure} ".removeprefix(f"{error} ")  # which is told already
+        except StopNowError:
+            problem = "The robot was stopped again; the tool was left where it is. "
+        scene = self._pressed or Scene(self.indenter, Pose())
+        slack = SAME_MM if self.touch else self.settings.contact.travel_mm
+        self.place = problem + describe_place(self.robot_thread, self.geometry, scene, slack)
+        if error is not None:
+            error.add_note(self.place)
+        elif problem and self._pressed is not None:
+            raise RobotError(self.place)
 
     @property
     def robot(self) -> Robot:
         """The robot; only its own thread may move it."""
         return self.robot_thread.robot
 
-    def do(self, job: Callable[[Mover], T], expected_s: float = LONG_S) -> T:
-        """Return the result of a job of the robot's thread.
-
-        Args:
-            job: Function of the mover.
-            expected_s: Time that the job is expected to take.
-        """
-        return self.robot_thread.do(job, 4.0 * patience(expected_s))
+    def do(self, job: Callable[[Mover], T]) -> T:
+        """Return the result of a job of the robot's thread."""
+        return self.robot_thread.do(job)
 
     def stop_now(self) -> None:
-        """Stop the robot at once, from any thread."""
+        """Stop the robot at once, from any thread; from now on it is only drawn back."""
+        self._stop_asked = True
         self.robot_thread.halt.set()
 
     # The way back
@@ -248,18 +272,12 @@ class Station:
         """Check that no fault of the setup spoils all presses.
 
         Raises:
-            CameraError: Light or exposure are not as at the latest look at rest.
+            CameraError: The undeformed sensor looks otherwise than at the latest look.
             UserError: The count of pins is not the configuration's.
         """
-        before = self.rest_reference()
-        brightness = self.look_at_rest().brightness
+        before, now = self.rest_reference(), self.look_at_rest()
         self.rest = before  # the reference that the data set holds
-        if is_other_light(brightness, before.brightness):
-            raise CameraError(
-                f"the undeformed sensor is {brightness:.1f} grey levels bright, it was "
-                f"{before.brightness:.1f}: the light or the exposure changed; put it back, then go "
-                "on with the same command."
-            )
+        now.check_alike(before.mean, "before")
 
     # Presses
 
@@ -269,9 +287,10 @@ class Station:
 
         Raises:
             RobotError: The tool was left at a press before, and cannot be drawn back from there.
-            StopNowError: Somebody asked to stop while the tool was drawn back; its context is the
-                error of the block.
+            StopNowError: Somebody asked to stop; its context is the error of the block.
         """
+        if self._stop_asked:
+            raise StopNowError
         left = self._pressed
         if left is not None:  # not ``withdraw``, which takes back a request to stop
             self.do(lambda m: m.withdraw(left, self.geometry))
@@ -282,6 +301,8 @@ class Station:
         except BaseException:
             with contextlib.suppress(RobotError):  # the error of the block is the one that is shown
                 self.withdraw()
+            if self._stop_asked:  # also where the way back took the request to stop for done
+                raise StopNowError from None
             raise
         self._pressed = None
 
@@ -299,11 +320,8 @@ class Station:
             )
         return self.geometry.path(scene)
 
-    def down(self, mover: Mover, path: PressPath) -> int:
+    def down(self, mover: Mover, path: PressPath) -> Descent:
         """Descend, as a job of the robot's thread.
-
-        Returns:
-            The end of the descent, ns on the clock of the frames.
 
         Raises:
             RobotError: A move failed, see ``Mover.go``.
@@ -314,31 +332,36 @@ class Station:
         force = mover.force_guard()
 
         def guard(pose: Pose6) -> str:
-            if not self.camera.alive():
-                raise CameraError("the camera gave no frames in a descent; check its cable.")
+            self.camera.check_alive()
             return force(pose)
 
-        mover.descend(path, guard)
-        return time.monotonic_ns()
+        left_ns = mover.descend(path, guard)
+        ended_ns = time.monotonic_ns()
+        way = distance_between(path.near, path.down)
+        before_touch = min(1.0, NEAR_MM / max(way, NEAR_MM))
+        touched_ns = left_ns + int(before_touch * (ended_ns - left_ns))
+        return Descent(touched_ns, ended_ns, 1e9 * way / max(1, ended_ns - left_ns))
 
     def press(self, scene: Scene) -> PressResult:
         """Press once, take frames, and go back.
 
         Raises:
             RobotError: A move failed, or was stopped by a guard.
-            CameraError: The camera gives no frames.
+            CameraError: The camera gives no frames, or shows the press too late.
             StopNowError: Somebody asked to stop.
             UserError: The press is too deep for the sensor, or the undeformed sensor shows another
                 count of pins than the configuration.
         """
+        self.camera.check_rate()
         rest = self.rest_reference()
         path = self.path(scene)
-        expected = path_seconds(path, self.settings, 30.0)
         self._presses_since_touch += 1
         with self.at(scene):
-            settled_ns, before, state = self.do(lambda m: self._settle(m, path), expected)
+            descent, settled_ns, before, state = self.do(lambda m: self._settle(m, path))
             reached = self.geometry.reached(scene, before)
             check, looks = self._check_frames(settled_ns, rest, reached.pose.depth)
+            if not check.reason:  # of a press that is not seen, no moment tells the lag
+                self._check_lag(descent, rest)
             after = self.do(lambda m: m.pose())
             moved = max(abs(a - b) for a, b in zip(before[:3], after[:3], strict=True))
             if moved > SAME_MM and not check.reason:
@@ -362,10 +385,53 @@ class Station:
             return replace(result, check=replace(result.check, reason=reason))
         return result
 
-    def _settle(self, mover: Mover, path: PressPath) -> tuple[int, Pose6, RobotState]:
-        self.down(mover, path)
+    def press_well(self, scene: Scene) -> PressResult:
+        """Press as ``press_checked`` does.
+
+        Raises:
+            CameraError: The frames cannot be kept, or show the press too late.
+        """
+        result = self.press_checked(scene)
+        if result.check.reason:
+            raise CameraError(
+                f"the frames of a press of {scene.pose.depth:.1f} mm cannot be kept: "
+                f"{result.check.reason}; look at the camera, and whether the indenter is loose."
+            )
+        return result
+
+    def check_camera(self, place: Scene) -> None:
+        """Press a little at a place of first touch: the camera must show it, and in time.
+
+        Raises:
+            CameraError: The frames cannot be kept, or show the press too late.
+        """
+        depth = min(TRIAL_MM, self.settings.sensor.deepest_mm)
+        self.press_well(replace(place, pose=replace(place.pose, depth=depth)))
+
+    def _check_lag(self, descent: Descent, rest: Reference) -> None:
+        """Raise CameraError where frames began to show a press later than they may.
+
+        What a slow drift of the light changes since the rest frame was there before, too.
+        """
+        touched_ns = descent.touched_ns
+        frames = self.camera.since(touched_ns - int(1e9 * BEFORE_S))
+        before = [rest.change_of(f.image) for f in frames if f.t_ns <= touched_ns]
+        if not before:  # so slow a press that a lag moves it little
+            return
+        least = min(before) + rest.threshold - rest.change
+        shown = (f.t_ns for f in frames[len(before) :] if rest.change_of(f.image) > least)
+        lag_s = 1e-9 * (next(shown, touched_ns) - touched_ns)
+        if lag_s > self.camera.late_s + SLACK_MM / descent.mm_s:
+            raise CameraError(
+                f"a press showed {lag_s:.2f} s after first touch, camera.lag_s allows "
+                f"{self.settings.camera.lag_s:g}: the camera lags, or first touch lies deeper than "
+                "assumed; take MJPG and a port without a hub, or find first touch again."
+            )
+
+    def _settle(self, mover: Mover, path: PressPath) -> tuple[Descent, int, Pose6, RobotState]:
+        descent = self.down(mover, path)
         mover.rest(self.settings.timing.settle_s)
-        return time.monotonic_ns(), mover.pose(), mover.state()
+        return descent, time.monotonic_ns(), mover.pose(), mover.check()
 
     def _check_frames(
         self, settled_ns: int, rest: Reference, depth: float
@@ -424,3 +490,33 @@ class Station:
             mover.come_in(self.settings.robot.approach_mm_s)
         mover.check_inside()
         mover.raise_straight(self.geometry)
+
+
+def describe_place(
+    thread: RobotThread, geometry: PressGeometry, scene: Scene, slack_mm: float
+) -> str:
+    """Return a sentence about where the tool is, and whether it is in contact. Never raises.
+
+    Args:
+        thread: Thread of the robot.
+        geometry: Geometry of presses.
+        scene: A press with the mounted indenter.
+        slack_mm: Distance by which first touch may lie nearer than the geometry says.
+    """
+    told = "The tool is"
+    try:
+        thread.do(lambda mover: mover.pose())
+    except (RobotError, StopNowError):
+        told, slack_mm = "Look before anything moves: the tool was last seen", math.inf
+    pose = thread.mover.last_pose
+    if pose is None:
+        return "Where the tool is, is not known: look before anything moves."
+    depth = geometry.reached(scene, pose).pose.depth
+    x, y, z = (f"{value:z.2f}" for value in pose[:3])
+    contact = "clear of the sensor"
+    if depth > -slack_mm:
+        contact = "in contact" if depth > 0.0 else "perhaps in contact"
+    touch = f"{abs(depth):.2f} mm {'past' if depth > 0.0 else 'before'} first touch, {contact}"
+    if math.isinf(depth):
+        touch = "beside the sensor"
+    return f"{told} at x {x}, y {y}, z {z} mm of the work frame, {touch}{thread.robot.proviso}."

@@ -1,4 +1,4 @@
-"""First touch: by the tactile image, by force, or as the configuration says.
+"""First touch: by the tactile image, or as the configuration says.
 
 Depth is counted from where the sensor is first touched, not from where a pose says that it should
 be. The search by image goes down in small steps until two frames in a row change by more than
@@ -11,12 +11,11 @@ the step and the threshold of detection.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 
 from tactibench import Pose, Scene, UserError
-from tactibench_tactip.camera import Image
+from tactibench_tactip.camera import Image, Reference
 from tactibench_tactip.geometry import NEAR_MM, Array
 from tactibench_tactip.motion import Guard, Mover
 from tactibench_tactip.robots import GuardError, RobotError
@@ -38,12 +37,11 @@ GRID_MM = 0.002
 ASIDE_MM = 0.2
 """Distance beside the approach of a place above which the tool goes up before it goes there."""
 
-Touched = Callable[[list[Image]], bool]
-"""A function of the frames at a place, which returns whether there is contact."""
-
 
 def find_touch(station: Station, scene: Scene | None = None) -> FirstTouch:
     """Take a new rest frame, find first touch from it, and set it in the station.
+
+    After the first time the camera is checked there by a press.
 
     The first search is over all of ``contact.travel_mm``; a later one begins a little before the
     last first touch.
@@ -54,16 +52,19 @@ def find_touch(station: Station, scene: Scene | None = None) -> FirstTouch:
 
     Raises:
         RobotError: Nothing was touched, or a move failed.
-        UserError: Two searches differ by more than ``contact.spread_mm``, or the robot does not
-            allow ``contact.method``.
+        CameraError: The camera shows no contact, or shows it too late.
+        UserError: Two searches differ by more than ``contact.spread_mm``.
     """
-    contact = station.settings.contact
+    contact, is_first = station.settings.contact, station.touch is None
+    place = scene or Scene(station.indenter, Pose(*contact.at_mm))
     station.look_at_rest()
     if contact.method == "fixed":
         touch = FirstTouch(contact.fixed_mm, 0.0)
     else:
-        touch = _search(station, scene or Scene(station.indenter, Pose(*contact.at_mm)))
+        touch = _search(station, place)
     station.set_touch(touch)
+    if is_first:
+        station.check_camera(place)
     return touch
 
 
@@ -72,11 +73,11 @@ def _search(station: Station, place: Scene) -> FirstTouch:
     contact = station.settings.contact
     with station.at(place):
         search = _Search(station, place)
-        find = search.by_image if contact.method == "visual" else search.by_force
-        once = find(-contact.travel_mm if station.touch is None else -AGAIN_MM)
-        twice = find(once - AGAIN_MM)
+        once = search.find(-contact.travel_mm if station.touch is None else -AGAIN_MM)
+        twice = search.find(once - AGAIN_MM)
     spread = abs(once - twice)
     if spread > contact.spread_mm:
+        station.check_undeformed()  # other light, which names itself, looks like a touch
         raise UserError(
             f"two searches for first touch differ by {spread:.2f} mm, contact.spread_mm "
             f"allows {contact.spread_mm:g}; tighten the mounts, let the light warm up, or lengthen "
@@ -99,17 +100,21 @@ def projections(images: Array, rest: Array) -> Array:
 
 
 def fit_onset(depths: Array, signal: Array) -> float:
-    """Return s0, mm, of the least-squares fit of q = a max(0, s - s0)^p.
+    """Return s0, mm, of the least-squares fit of q = a max(0, s - s0)^p + b.
+
+    b is what the noise of the rest frame, which is in all changes, adds to every q: without it the
+    fit begins too early.
 
     Args:
         depths: (N,) s, mm, ascending.
         signal: (N,) q.
     """
-    last = float(depths[-1])
+    last, signal = float(depths[-1]), signal - signal.mean()
     starts = np.arange(float(depths[0]), last - STEP_MM, GRID_MM)
     best = (np.inf, float(depths[0]))
     for power in POWERS:
         base = np.maximum(0.0, depths[None, :] - starts[:, None]) ** power
+        base -= base.mean(axis=1, keepdims=True)
         scale = base @ signal / np.maximum((base**2).sum(axis=1), 1e-12)
         errors = ((scale[:, None] * base - signal) ** 2).sum(axis=1)
         k = int(np.argmin(errors))
@@ -132,14 +137,10 @@ class _Search:
         self._station, self._place = station, place
         self._guard: Guard = station.do(lambda m: m.force_guard())
 
-    def by_image(self, start: float) -> float:
+    def find(self, start: float) -> float:
         """Return the depth at which the image begins to change."""
         rest = self._station.rest_reference()
-
-        def touched(images: list[Image]) -> bool:
-            return all(rest.change_of(image) > rest.threshold for image in images)
-
-        noticed = self._go_down(start, touched)
+        noticed = self._go_down(start, rest)
         steps = np.arange(noticed - BEFORE_MM - STEP_MM, noticed + BEYOND_MM + 1e-9, STEP_MM)
         self._station.do(lambda m: self._step(m, float(steps[0]) - 0.2))
         depths, images = [], []
@@ -147,40 +148,21 @@ class _Search:
             reached, frames = self._look(float(depth), FRAMES)
             depths.append(reached)
             images.append(np.mean(frames, axis=0))
-        return fit_onset(np.array(depths), projections(np.array(images), rest.mean))
+        # Without the deepest: projected on itself its noise adds up, and bends the curve.
+        shares = projections(np.array(images), rest.mean)
+        return fit_onset(np.array(depths[:-1]), shares[:-1])
 
-    def by_force(self, start: float) -> float:
-        """Return the depth at which the robot feels ``contact.force_n``."""
-        station = self._station
-        self._raise()
-        before = station.do(lambda m: m.force())
-        if before is None:
-            raise UserError(
-                "contact.method is 'force', but this robot measures none; say contact.method = "
-                '"visual".'
-            )
-        least = station.settings.contact.force_n
-
-        def touched(_: list[Image]) -> bool:
-            force = station.do(lambda m: m.force())
-            return force is not None and float(np.linalg.norm(force - before)) >= least
-
-        return self._go_down(start, touched)
-
-    def _raise(self) -> None:
-        self._station.do(lambda m: m.raise_straight(self._station.geometry))
-
-    def _go_down(self, start: float, touched: Touched) -> float:
+    def _go_down(self, start: float, rest: Reference) -> float:
         """Go down in steps, and return the depth at which the sensor was touched.
 
         Raises:
             RobotError: Nothing was touched.
         """
         end = max(self._station.settings.contact.travel_mm, start + AGAIN_MM)
-        self._raise()
+        self._station.do(self._go_above)
         for depth in np.arange(start, end + 1e-9, STEP_MM):
             reached, images = self._look(float(depth), NOTICE_FRAMES)
-            if touched(images):
+            if all(rest.change_of(image) > rest.threshold for image in images):
                 return reached
         raise RobotError(
             f"nothing was touched from {-start:.1f} mm before the expected place to {end:.1f} mm "
@@ -201,17 +183,22 @@ class _Search:
         settled_ns, reached = station.do(arrive)
         return reached, [frame.image for frame in station.camera.after(settled_ns, count)]
 
+    def _go_above(self, mover: Mover) -> None:
+        """Move to clearance above the place."""
+        mover.raise_straight(self._station.geometry)
+        above = self._station.geometry.path(self._place).above
+        mover.go(above, self._station.settings.robot.approach_mm_s)
+
     def _step(self, mover: Mover, depth: float) -> None:
         """Move straight to a depth on the approach of the place, sideways only at clearance."""
         place, settings, geometry = self._place, self._station.settings, self._station.geometry
         pose = geometry.reached(place, mover.pose()).pose
         if max(abs(pose.x - place.pose.x), abs(pose.y - place.pose.y)) > ASIDE_MM:
-            mover.raise_straight(geometry)
-            mover.go(geometry.path(place).above, settings.robot.approach_mm_s)
+            self._go_above(mover)
         if pose.depth < -settings.contact.travel_mm - 0.5 and depth > -NEAR_MM:
             near = geometry.at_depth(place, min(depth, -NEAR_MM))
             mover.go(near, settings.robot.approach_mm_s, self._guard)
-        mover.go(geometry.at_depth(place, depth), settings.robot.press_mm_s, self._guard)
+        mover.go_in_touch(geometry.at_depth(place, depth), settings.robot.press_mm_s, self._guard)
         reason = self._guard(mover.pose())  # a step may have ended before the guard looked
         if reason:
             raise GuardError(reason)

@@ -23,6 +23,7 @@ from tactibench import UserError
 from tactibench_tactip.geometry import angle_between, distance_between, from_ur, to_ur
 from tactibench_tactip.robots import (
     ProtectiveStopError,
+    Purpose,
     Robot,
     RobotError,
     RobotLostError,
@@ -31,11 +32,8 @@ from tactibench_tactip.robots import (
 )
 from tactibench_tactip.settings import Pose6, Settings
 
-GRACE_S = 1.5
-"""Time after which a move counts as ended, where the arm stands short of its target and the
-controller reports no move."""
-NEAR_MM, NEAR_DEG = 0.05, 0.1
-"""Distance and angle within which two poses are the same."""
+NAMED_S = 0.5
+"""Time within which a controller that ended the program says why: both come over other links."""
 TCP_MM, TCP_DEG = 0.5, 0.5
 """Difference that the pendant's TCP may have from the configuration's: a TCP is taught as exactly
 as this."""
@@ -56,17 +54,8 @@ STOP_BITS = {
     11: "three-position switch active",
 }
 """Safety status bits that keep the arm from moving (RTDE guide)."""
-MODES = {
-    -1: "no controller",
-    0: "disconnected",
-    1: "safety has to be confirmed",
-    2: "booting",
-    3: "power off",
-    4: "power on",
-    5: "idle, brakes on",
-    6: "backdrive",
-    RUNNING: "running",
-}
+MODES = {3: "power off", 5: "idle, brakes on"}
+"""Robot modes that end a session (RTDE guide)."""
 _VERSION = re.compile(r"(\d+)\.(\d+)")
 STARTED_S = 10.0
 END_S = 3.0
@@ -86,19 +75,23 @@ class UrLink:
 
     Args:
         host: Address of the controller.
+        moves: Whether the arm shall move; otherwise it is read only.
         tcp: TCP to set, m and a rotation vector, rad.
         watchdog_hz: Rate of the watchdog.
         seconds: Time within which the arm must answer.
 
     Attributes:
-        tcp_before: The controller's own TCP, m and a rotation vector, rad.
+        tcp_before: The controller's own TCP, m and a rotation vector, rad; [] where it is not told.
+        load: Mass, kg, and centre of gravity, m, of the payload; [] where it is not told.
 
     Raises:
         RobotError: The process does not start, or the arm does not answer in time.
         UserError: The package ur_rtde is missing, or the arm refuses the connection.
     """
 
-    def __init__(self, host: str, tcp: list[float], watchdog_hz: float, seconds: float) -> None:
+    def __init__(
+        self, host: str, moves: bool, tcp: list[float], watchdog_hz: float, seconds: float
+    ) -> None:
         if find_spec("rtde_control") is None:
             raise missing_package(
                 "ur_rtde", "ur", " (it has no wheel for Python 3.13: take Python 3.11 or 3.12)"
@@ -110,7 +103,7 @@ class UrLink:
         self._asked_at = self._changed_at = 0.0
         self._link = self._start()
         try:
-            self._link.send((host, tcp, watchdog_hz))
+            self._link.send((host, moves, tcp, watchdog_hz))
             if not self._link.poll(seconds):
                 raise RobotError(
                     f"the UR at {host} did not answer within {seconds:g} s; check that it is "
@@ -124,11 +117,14 @@ class UrLink:
             raise
         if "failed" in reply:
             self.close()
+            advice = "look at the pendant and the network cable, and end what else controls the arm"
+            if "in use" in reply["failed"].lower():
+                advice = "a fieldbus uses its registers: switch that off on the pendant"
             raise UserError(
-                f"the UR at {host} refuses the connection ({reply['failed']}); where a fieldbus "
-                "uses its registers switch that off, and end other programs that control the arm."
+                f"the UR at {host} refuses the connection ({reply['failed']}); {advice}."
             )
         self.tcp_before: list[float] = reply["tcp"]
+        self.load: list[float] = reply["load"]
 
     def ask(self, what: str, *given: Any) -> Any:
         """Have the process call a method of ``Arm``, and return what that returns.
@@ -157,16 +153,15 @@ class UrLink:
         Raises:
             RobotLostError: The controller sends no new state, or the connection to it is lost.
         """
-        if time.monotonic() - self._asked_at < TICK_S:
-            return self._facts
-        facts: dict[str, Any] = self.ask("facts")
-        self._asked_at = time.monotonic()
-        if facts["time"] != self._facts["time"]:
-            self._changed_at = self._asked_at
-        self._facts = facts
-        if not facts["linked"] or self._asked_at - self._changed_at > self._stale_s:
+        if time.monotonic() - self._asked_at > TICK_S:
+            before = self._facts["time"]
+            self._facts = self.ask("facts")
+            self._asked_at = time.monotonic()
+            if self._facts["time"] != before:
+                self._changed_at = self._asked_at
+        if not self._facts["linked"] or self._asked_at - self._changed_at > self._stale_s:
             raise self._lost()
-        return facts
+        return self._facts
 
     def _lost(self) -> RobotLostError:
         return RobotLostError(
@@ -234,30 +229,35 @@ class UrRobot(Robot):
         self._tcp = settings.frames.tcp_pose
         self._open_link: UrLink | None = None
         self._dashboard: Dashboard | None = None
-        self._closed = False
-        self._target: Pose6 | None = None
-        self._rest_pose: Pose6 = (0.0,) * 6
-        self._rest_since = 0.0
+        self._closed = self._reads = False
 
-    def connect(self) -> None:
+    def connect(self, purpose: Purpose = "move") -> None:
         """Connect to the arm.
 
         Raises:
-            UserError: The arm is not there, is not ready, or has another TCP than the
-                configuration.
+            UserError: The arm is not there, is not ready, runs a program, or has another TCP than
+                the configuration.
             RobotError: The arm does not answer in time, or cannot be prepared.
         """
         settings = self._settings
+        self._reads = purpose == "look"
+        if self._reads:
+            self.proviso = ", if the pendant's TCP is frames.tcp_pose"
         self._dashboard = Dashboard(settings.address)
         self._dashboard.check_ready()
-        self._open_link = UrLink(
-            settings.address, to_ur(self._tcp), settings.watchdog_hz, settings.connect_s
-        )
+        program = self._dashboard.program
+        if not (self._reads or program.startswith("STOPPED")):
+            raise UserError(
+                f"the UR says {program!r} of its program, and moving the arm would end that; end "
+                "it on the pendant, then run the same command."
+            )
+        rate, seconds = settings.watchdog_hz, settings.connect_s
+        self._open_link = UrLink(settings.address, not self._reads, to_ur(self._tcp), rate, seconds)
         if self._closed:  # the caller no longer waits
             self._open_link.close()
-            return
-        self._check_tcp(from_ur(self._open_link.tcp_before))
-        self._check(self._open_link.ask("prepare"))
+        elif not self._reads:
+            self._check_tcp(from_ur(self._open_link.tcp_before))
+            self._check(self._open_link.ask("prepare"))
 
     def _check_tcp(self, before: Pose6) -> None:
         """Raise UserError where the pendant's TCP is another, which may be a mistake of a file."""
@@ -274,43 +274,37 @@ class UrRobot(Robot):
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
         """Begin a straight move."""
         self._check(self._link.ask("start", to_ur(pose), 1e-3 * speed, 1e-3 * acceleration))
-        self._target = pose
-        self._note_rest(self.pose())
 
     def moving(self) -> bool:
-        """Return whether the move goes on.
-
-        For a short while a move also goes on until the arm has reached its target: the controller
-        reports a move only a little after its beginning.
-        """
-        pose = self.pose()
-        if self._link.facts()["moving"]:
-            self._note_rest(pose)
-            return True
-        if self._target is None or _same(pose, self._target):
-            return False
-        if not _same(pose, self._rest_pose):
-            self._note_rest(pose)
-        return time.monotonic() - self._rest_since < GRACE_S
+        """Return whether the controller reports a move."""
+        return bool(self._link.facts()["moving"])
 
     def pose(self) -> Pose6:
-        """Return the pose of the tool."""
+        """Return the pose of the tool; where it is only read, by the pendant's TCP."""
         return from_ur(self._link.facts()["pose"])
 
     def stop(self) -> None:
         """Brake the arm."""
-        self._target = None
         self._check(self._link.ask("stop"))
 
     def state(self) -> RobotState:
         """Return the state, from the safety status, the mode and the program."""
-        facts = self._link.facts()
-        state = safety_state(facts["bits"], facts["mode"])
-        if state.normal and not facts["program"]:
-            ended = "the UR says: its control program ended (watchdog, pendant or another client)"
-            state = RobotState(normal=False, description=ended)
+        end = time.monotonic() + NAMED_S
+        while True:
+            facts = self._link.facts()
+            state = safety_state(facts["bits"], facts["mode"])
+            runs = self._reads or facts["program"] or not state.normal
+            if runs or time.monotonic() > end:
+                break
+            time.sleep(TICK_S)
+        if state.normal and facts["program"] == self._reads:
+            wrong = "its control program ended (watchdog, pendant or another client)"
+            if self._reads:
+                wrong = f"a program runs, {self.describe()['program']}, which a move would end"
+            state = RobotState(normal=False, description=f"the UR says: {wrong}")
         fx, fy, fz = facts["force"]
-        return replace(state, force_n=(fx, fy, fz), time_s=facts["time"])
+        share = facts["slider"]
+        return replace(state, force_n=(fx, fy, fz), time_s=facts["time"], speed_share=share)
 
     def close(self) -> None:
         """Let go of the arm, which stops."""
@@ -321,20 +315,23 @@ class UrRobot(Robot):
             self._dashboard.close()
 
     def describe(self) -> dict[str, str]:
-        """Return the controller's version, and the pendant's speed slider."""
-        version = "" if self._dashboard is None else self._dashboard.version
-        facts = {"driver": "ur", "polyscope": version}
+        """Return the version, and what the pendant says: program, speed slider, payload."""
+        facts = {"driver": "ur"}
+        if self._dashboard is not None:
+            facts |= {"polyscope": self._dashboard.version, "program": self._dashboard.program}
         if self._open_link is not None:
             facts["speed_slider"] = f"{100 * self._open_link.facts()['slider']:.0f} %"
+            facts["payload"] = "not told"
+            if self._open_link.load:
+                mass, *centre = self._open_link.load
+                place = ", ".join(f"{1e3 * value:.0f}" for value in centre)
+                facts["payload"] = f"{mass:.2f} kg, its centre of gravity at {place} mm"
         return facts
 
     @property
     def _link(self) -> UrLink:
         assert self._open_link is not None, "connected"  # noqa: S101
         return self._open_link
-
-    def _note_rest(self, pose: Pose6) -> None:
-        self._rest_pose, self._rest_since = pose, time.monotonic()
 
     def _check(self, problem: str) -> None:
         if not problem:
@@ -355,7 +352,7 @@ class Dashboard:
     """
 
     def __init__(self, host: str) -> None:
-        self.version = ""
+        self.version = self.program = ""
         try:
             self._socket = socket.create_connection((host, PORT), ANSWER_S)
             self._rest = b""
@@ -383,7 +380,7 @@ class Dashboard:
 
     def check_ready(self) -> None:
         """Raise UserError where the UR is off, stopped or in local mode; it says what to do."""
-        self.version = self.ask("PolyscopeVersion")
+        self.version, self.program = self.ask("PolyscopeVersion"), self.ask("programState")
         match = _VERSION.search(self.version)
         version = (int(match[1]), int(match[2])) if match else (0, 0)
         if version >= (5, 6) and "true" not in self.ask("is in remote control").lower():
@@ -437,7 +434,3 @@ def safety_state(bits: int, mode: int) -> RobotState:
         description=f"the UR says: {', '.join(reasons) or ('reduced' if reduced else 'normal')}",
         stopped=stops == [PROTECTIVE],
     )
-
-
-def _same(a: Pose6, b: Pose6) -> bool:
-    return distance_between(a, b) < NEAR_MM and angle_between(a, b) < NEAR_DEG

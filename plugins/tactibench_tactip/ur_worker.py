@@ -27,6 +27,10 @@ VARIABLES = (
     "target_speed_fraction",
 )
 """Variables to receive: a short list at 125 Hz, because all variables at 500 Hz take a core."""
+LOAD = ("payload", "payload_cog")
+"""Variables that controllers before 3.11 and 5.5 do not have."""
+STOPPED = 1
+"""Runtime state in which no program runs or is paused."""
 HZ = 125.0
 STOP_M_S2 = 2.0
 """Deceleration of a stop."""
@@ -39,21 +43,37 @@ class Arm:
 
     Args:
         host: Address of the controller.
+        moves: Whether the arm shall move; otherwise it is read only, and what runs there goes on.
         tcp: TCP to set, m and a rotation vector, rad.
         watchdog_hz: Rate of the watchdog.
 
     Attributes:
-        tcp_before: The controller's TCP until ``prepare`` sets another one.
+        tcp_before: The controller's TCP until ``prepare`` sets another one; [] where it is only
+            read, because the controller tells it to a program of its own alone.
+        load: Mass, kg, and centre of gravity, m, of the payload; [] where it is not told.
+
+    Raises:
+        RuntimeError: A program runs there, which connecting would end.
     """
 
-    def __init__(self, host: str, tcp: list[float], watchdog_hz: float) -> None:
+    def __init__(self, host: str, moves: bool, tcp: list[float], watchdog_hz: float) -> None:
         from rtde_control import RTDEControlInterface
         from rtde_receive import RTDEReceiveInterface
 
-        self._receive = RTDEReceiveInterface(host, HZ, list(VARIABLES))
-        self._control = RTDEControlInterface(host)
+        self._control: Any = None
         self._tcp, self._watchdog_hz = tcp, watchdog_hz
-        self.tcp_before = list(self._control.getTCPOffset())
+        self.tcp_before: list[float] = []
+        self.load: list[float] = []
+        try:
+            self._receive = RTDEReceiveInterface(host, HZ, [*VARIABLES, *LOAD])
+            self.load = [self._receive.getPayload(), *self._receive.getPayloadCog()]
+        except RuntimeError:
+            self._receive = RTDEReceiveInterface(host, HZ, list(VARIABLES))
+        if moves:
+            if self.facts()["program"]:
+                raise RuntimeError("a program runs there")
+            self._control = RTDEControlInterface(host)
+            self.tcp_before = list(self._control.getTCPOffset())
 
     def prepare(self) -> str:
         """Set watchdog and TCP."""
@@ -80,33 +100,43 @@ class Arm:
 
     def stop(self) -> str:
         """Brake the arm."""
-        if self._control.isProgramRunning():  # otherwise it stands, and no answer would come
+        # A program that has ended gives no answer, and the arm stands.
+        if self._control and self._control.isProgramRunning():
             self._control.stopL(STOP_M_S2, True)
         return ""
 
     def kick(self) -> None:
         """Keep the watchdog quiet."""
-        self._control.kickWatchdog()
+        if self._control:
+            self._control.kickWatchdog()
 
     def facts(self) -> dict[str, Any]:
-        """Return the present state of the controller."""
+        """Return the present state of the controller; its program is ours, unless it is read."""
         receive, control = self._receive, self._control
-        return {
+        facts = {
             "time": receive.getTimestamp(),
             "pose": receive.getActualTCPPose(),
             "force": list(receive.getActualTCPForce())[:3],
             "bits": int(receive.getSafetyStatusBits()),
             "mode": int(receive.getRobotMode()),
             "slider": receive.getTargetSpeedFraction(),
-            "linked": bool(receive.isConnected() and control.isConnected()),
-            "program": bool(control.isProgramRunning()),
-            "moving": bool(control.getAsyncOperationProgressEx().isAsyncOperationRunning()),
+            "linked": bool(receive.isConnected()),
+            "program": receive.getRuntimeState() != STOPPED,
+            "moving": False,
         }
+        if control:
+            progress = control.getAsyncOperationProgressEx()
+            facts["linked"] = bool(facts["linked"] and control.isConnected())
+            facts["program"] = bool(control.isProgramRunning())
+            # The last word of a program that has ended may be that it moves.
+            facts["moving"] = facts["program"] and bool(progress.isAsyncOperationRunning())
+        return facts
 
     def close(self) -> None:
         """End the control program and disconnect."""
-        self._control.stopScript()
-        self._control.disconnect()
+        if self._control:
+            self._control.stopScript()
+            self._control.disconnect()
         self._receive.disconnect()
 
 
@@ -118,7 +148,7 @@ def serve(link: Connection) -> None:
     except Exception as error:  # noqa: BLE001 - sent to the other side
         link.send({"failed": " ".join(str(error).split())})
         return
-    link.send({"tcp": arm.tcp_before})
+    link.send({"tcp": arm.tcp_before, "load": arm.load})
     due = time.monotonic()
     try:
         while True:

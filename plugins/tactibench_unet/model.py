@@ -26,7 +26,6 @@ from tactibench import (
     Grid,
     ModelContext,
     Pose,
-    Prior,
     Progress,
     UserError,
     gray_frames,
@@ -316,8 +315,6 @@ _MIXED_EPOCHS = 8
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range in which heat 0..1 is learned. At 1 the deepest contacts ask for
 infinite logits, and a short training leaves them too shallow; the published value is 1."""
-_PRIORS: dict[str, Prior] = {"dome": "nominal mechanics", "none": "plain addition"}
-"""Parameter ``neighbours`` -> prior knowledge of the model, as a row states it."""
 _EMPTY = 0.05
 """Empty frames that are added to a training under faults, as a share of its frames."""
 _HELD_OUT = 400
@@ -374,7 +371,6 @@ class UNet(LearnedModel):
         )
         self._neighbours = neighbours
         self._faults = faults
-        self.prior = _PRIORS[neighbours]
         self._held_out: Labelled = ([], [])
         self._least = 0.0
         self._encoder = context.encoder

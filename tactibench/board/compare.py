@@ -7,7 +7,7 @@ sign-flip permutation test, adjusted by Holm's method over all that are shown to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -99,11 +99,14 @@ class _PressMeans:
     level: float
 
 
-def compare_runs(runs: Sequence[StoredRun]) -> list[Comparison]:
+def compare_runs(
+    runs: Sequence[StoredRun], advance: Callable[[int], None] = lambda _: None
+) -> list[Comparison]:
     """Compare every run with every later one.
 
     Args:
         runs: Runs of the same protocol on the same test frames.
+        advance: Called with 1 for every run that is read and every pair that is compared.
 
     Raises:
         UserError: The runs did not answer the same frames of the same protocol, or a run is named
@@ -111,14 +114,16 @@ def compare_runs(runs: Sequence[StoredRun]) -> list[Comparison]:
     """
     refuse_unlike(runs)
     protocol = protocol_of(runs[0])
-    measured = [_measure(run) for run in runs]
+    measured, comparisons = [], []
+    for run in runs:
+        measured.append(_measure(run))
+        advance(1)
     seed = np.random.SeedSequence(protocol.spec.data_seed, spawn_key=(COMPARISON_STREAM,))
     pairs = list(combinations(range(len(runs)), 2))
     streams = map(np.random.default_rng, seed.spawn(len(pairs)))
-    comparisons = [
-        Comparison(i, j, tuple(_rows(measured[i], measured[j], rng)))
-        for (i, j), rng in zip(pairs, streams, strict=True)
-    ]
+    for (i, j), rng in zip(pairs, streams, strict=True):
+        comparisons.append(Comparison(i, j, tuple(_rows(measured[i], measured[j], rng))))
+        advance(1)
     return _adjust_for_all(comparisons)
 
 

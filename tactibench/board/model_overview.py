@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ from tactibench.board.rows import (
     training_sensor,
     whole,
 )
-from tactibench.protocols import Axis, load_protocol, overview_spec
+from tactibench.protocols import Axis, overview_spec
 from tactibench.records import Record, canonical
 
 ERROR = "ospa_mm"
@@ -86,24 +85,6 @@ def _family_errors(row: Row, axis: Axis) -> FamilyErrors:
     return FamilyErrors(axis, cases, row.metric("doubles_at", axis.family))
 
 
-HARD_CASES = "stability"
-INSTANCES = "individual"
-"""The family of other sensors of the same make; the overview shows more of them in a column."""
-
-
-@dataclass(frozen=True)
-class WorstFamily:
-    """The family of hard cases with the largest error.
-
-    Attributes:
-        family: Name of the family.
-        error_mm: Mean error over its cases.
-    """
-
-    family: str
-    error_mm: float
-
-
 @dataclass(frozen=True)
 class OverviewLine:
     """A model on several boards.
@@ -111,12 +92,10 @@ class OverviewLine:
     Attributes:
         row: Row of the protocol whose rows are the lines.
         values: One value a column, None where the model has no row or its row no value.
-        worst: Hard cases with the largest error, None where the model was not tested on them.
     """
 
     row: Row
     values: tuple[PooledMetric | None, ...]
-    worst: WorstFamily | None
 
 
 def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
@@ -128,23 +107,19 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
     spec = overview_spec()
     boards = {name: rows_of(whole(trained_for(of_board))) for name, of_board in records.items()}
     trained = {name: {_training(row): row for row in rows} for name, rows in boards.items()}
-    plates = {
-        name: {_plates(row): row for row in rows if row.first.data.published_frames}
-        for name, rows in boards.items()
-    }
+    real = {name: {_on_recording(row): row for row in rows} for name, rows in boards.items()}
     lines = []
     for row in boards.get(spec.protocol, ()):
         if row.first.sensor.origin != "simulated":
             continue
         values = []
         for column in spec.columns:
-            if column.published_frames:
-                match = plates.get(column.protocol, {}).get(_plates(row))
-            else:
-                match = trained.get(column.protocol, {}).get(_training(row))
+            match = trained.get(column.protocol, {}).get(_training(row))
+            if column.recording:
+                wanted = canonical([column.recording, *_model(row)])
+                match = real.get(column.protocol, {}).get(wanted)
             values.append(None if match is None else match.metric(column.metric, column.group))
-        hard = trained.get(HARD_CASES, {}).get(_training(row))
-        lines.append(OverviewLine(row, tuple(values), None if hard is None else worst_family(hard)))
+        lines.append(OverviewLine(row, tuple(values)))
     first = [column.name for column in spec.columns].index(spec.order)
 
     def place(line: OverviewLine) -> tuple[bool, bool, float]:
@@ -154,26 +129,16 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
     return sorted(lines, key=place)
 
 
-def worst_family(row: Row) -> WorstFamily | None:
-    """Return the family of hard cases with the largest error of a row; None without errors."""
-    families = []
-    for family in family_errors(row, load_protocol(HARD_CASES).spec.axes):
-        errors = [case.error.value for case in family.cases if case.error and not case.easy]
-        # A family without an easy case, such as untouched frames, has no harder cases.
-        if errors and family.axis.easy is not None and family.axis.family != INSTANCES:
-            families.append(WorstFamily(family.axis.family, statistics.fmean(errors)))
-    return max(families, key=lambda family: family.error_mm, default=None)
-
-
 def _model(row: Row) -> list[Any]:
     """Return the model and its encoder, as JSON values."""
     encoder = row.first.encoder
     return [row.first.model.identity, None if encoder is None else encoder.identity]
 
 
-def _plates(row: Row) -> str:
-    """Return what a row shares with the row of the same model on real plates."""
-    return canonical(_model(row))
+def _on_recording(row: Row) -> str:
+    """Return the recording of a row, "" for none, and its model, which find it."""
+    recording = row.first.sensor.recording
+    return canonical(["" if recording is None else recording.sha256[:8], *_model(row)])
 
 
 def _training(row: Row) -> str:

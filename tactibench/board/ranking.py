@@ -1,8 +1,10 @@
-"""The order of a board's rows, and the ranks that rows share.
+"""The order of a board's rows, and the ranks that each of them may have.
 
 Rows are ordered by an error that no missing contact can improve, where there is one. The order is
-no ranking: rows share a rank where chance alone may have ordered them, the chance of other presses
-and of other training seeds (see ``stats.crossed``, with the sources).
+no ranking: chance may have made it, that of other presses and of other training seeds (see
+``stats.crossed_p_values``, with the sources). So a row has an interval of ranks: from 1 + the
+number of rows that are significantly better to K - the number of rows that are significantly worse,
+K being the number of ranked rows.
 
 Presses: two rows are compared press by press. Their errors of each press, averaged over seeds, are
 paired on the common presses. Rows that do not have nearly all presses in common are compared as
@@ -16,12 +18,10 @@ Errors are compared as ratios (differences of logarithms, their variances by the
 seeds scatter an error by a share of it, so that a model with ten times the error scatters by ten
 times as much.
 
-Two adjustments (Holm). The p values of presses and seeds are adjusted for the comparisons that the
-ranks make: the first row of a group with all rows that are left. The p values of presses alone are
-adjusted for all pairs of the table, because the same numbers decide which row is the first. With
-the first adjustment alone, up to 15 % of the tables of twelve equal models were split at 5 %, with
-both 2 to 7 %. Adjusting both for all pairs would be safe, but then three seeds could not even tell
-an error from one ten times as large.
+The p values of all pairs of a table are adjusted together, so that 5 % of the pairs that are called
+different are not (Benjamini and Hochberg 1995). Holm's adjustment, which allows one such pair in
+twenty tables, calls 10 % of the pairs different that differ by 30 %, in place of 72 %
+(benchmarks/rank_intervals.py).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,13 +38,14 @@ from tactibench.board.rows import Row, draws_nothing
 from tactibench.board.submissions import PressErrors
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.protocols import Ranking, board_spec, protocol_files
-from tactibench.stats import (
-    adjust_pairs,
-    crossed_p_values,
-    grouped,
-    holm,
+from tactibench.protocols import (
+    LoadedProtocol,
+    Ranking,
+    board_spec,
+    load_protocol,
+    protocol_files,
 )
+from tactibench.stats import adjust_pairs, crossed_p_values
 
 Pairs = tuple[list[int], list[int], npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
@@ -59,6 +61,13 @@ def ranking_error(protocol: str) -> Ranking:
         able = ", ".join(name for name in protocol_files() if board_spec(name).ranking)
         raise UserError(f"no error of {protocol} orders its board; take {able}.")
     return ranking
+
+
+def unseen_error(protocol: LoadedProtocol) -> Ranking | None:
+    """Return the error on sensors that no training saw; None where the protocol tests none."""
+    spec = board_spec(protocol.spec.id)
+    tests = (test.name for test in protocol.spec.test.apart if test.instances)
+    return next((spec.apart[name] for name in tests if name in spec.apart), None)
 
 
 def ordered(protocol: str, rows: Iterable[Row], apart: str = "") -> list[Row]:
@@ -90,6 +99,9 @@ could choose what it is compared on. Models on the boards miss three presses in 
 FEWEST_PRESSES = 20
 """Fewest presses for a rank: with fewer the variance is off by a third or more, and one press may
 decide."""
+FEWEST_SENSORS = 5
+"""Fewest sensors for a rank by an error on several: with four the interval is half as wide again as
+with eight."""
 FEWEST_SEEDS = 3
 """Fewest seeds for a rank: the standard deviation of two is off by three quarters."""
 EQUAL = 1e-12
@@ -100,20 +112,29 @@ Errors = Mapping[str, PressErrors]
 """Per-press errors by the name of the record."""
 
 
+class RankInterval(NamedTuple):
+    """The best and the worst rank that a row may have."""
+
+    best: int
+    worst: int
+
+    def __str__(self) -> str:
+        return f"{self.best}" if self.best == self.worst else f"{self.best}–{self.worst}"
+
+
 @dataclass(frozen=True)
 class Ranks:
     """The ranks of a table.
 
     Attributes:
-        by_row: Rank of every row, None where it has none.
-        too_few: Number of rows that have an error, but too few presses or seeds for a rank.
-        unsure: Rows that cannot be told apart from the first row of their rank, although a row with
-            a smaller error can. Their errors scatter more, as a rule.
+        by_row: Ranks of every row, None where it has none.
+        too_few: Number of rows with an error, but too few presses, sensors or seeds for a rank.
+        fewest: Fewest presses or sensors for a rank.
     """
 
-    by_row: tuple[int | None, ...]
-    too_few: int = 0
-    unsure: frozenset[int] = frozenset()
+    by_row: tuple[RankInterval | None, ...]
+    too_few: int
+    fewest: int
 
     @property
     def note(self) -> str:
@@ -122,7 +143,7 @@ class Ranks:
             return ""
         count = "1 row has" if self.too_few == 1 else f"{self.too_few} rows have"
         return (
-            f"{count} no rank: fewer than {FEWEST_PRESSES} presses, or fewer than "
+            f"{count} no rank: fewer than {self.fewest} presses or sensors, or fewer than "
             f"{FEWEST_SEEDS} seeds of a model that draws at random when it is trained."
         )
 
@@ -145,18 +166,36 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
             for name, of_record in errors.items()
             if apart in of_record.apart
         }
+    fewest = _fewest(protocol, apart)
     samples = [_sample(row, by, errors) for row in rows]
-    enough = [(k, sample) for k, sample in enumerate(samples) if sample and sample.enough]
-    enough.sort(key=lambda one: (one[1].value, rows[one[0]].label))
-    ranked = [sample for _, sample in enough]
-    places = _group(*_compare(ranked))
-    by_row = {enough[place][0]: rank for place, rank in places.items()}
-    latest = np.maximum.accumulate([places[place] for place in range(len(ranked))])
+    enough = [(k, sample) for k, sample in enumerate(samples) if sample and sample.enough(fewest)]
+    places = rank_intervals(*_compare([sample for _, sample in enough]))
+    by_row = {k: place for (k, _), place in zip(enough, places, strict=True)}
     return Ranks(
         tuple(by_row.get(k) for k in range(len(rows))),
-        sum(sample is not None and not sample.enough for sample in samples),
-        frozenset(enough[place][0] for place, rank in places.items() if rank < latest[place]),
+        sum(sample is not None and not sample.enough(fewest) for sample in samples),
+        fewest,
     )
+
+
+def _fewest(protocol: str, apart: str) -> int:
+    """Return the fewest presses of the main test, or sensors of a test on several, for a rank."""
+    tests = load_protocol(protocol).spec.test.apart if apart else ()
+    on_sensors = any(test.name == apart and test.instances for test in tests)
+    return FEWEST_SENSORS if on_sensors else FEWEST_PRESSES
+
+
+def rank_intervals(difference: FloatArray, p: FloatArray) -> list[RankInterval]:
+    """Return the ranks that each of K samples may have.
+
+    Args:
+        difference: (K, K) differences of log errors, row minus column.
+        p: (K, K) their p values, not adjusted.
+    """
+    distinct = adjust_pairs(p) < 1 - LEVEL
+    better, worse = ((distinct & (difference * sign > 0)).sum(axis=1) for sign in (1, -1))
+    count = len(difference)
+    return [RankInterval(1 + int(b), count - int(w)) for b, w in zip(better, worse, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,25 +216,12 @@ class _Sample:
 
     @property
     def presses(self) -> int:
-        """Number of presses."""
+        """Number of presses, or of sensors."""
         return len(self.errors.press)
 
-    @property
-    def enough(self) -> bool:
-        """Return whether there are enough presses and seeds for a rank."""
-        return self.presses >= FEWEST_PRESSES and (not self.seeds or self.seeds >= FEWEST_SEEDS)
-
-
-def _group(difference: FloatArray, of_presses: FloatArray, of_both: FloatArray) -> dict[int, int]:
-    """Return the rank of every sample, the best first; the arguments are those of ``_compare``."""
-    distinct = (adjust_pairs(of_presses) < 1 - LEVEL) & (difference > 0)
-
-    def worse(first: int, others: Sequence[int]) -> set[int]:
-        adjusted = holm([float(of_both[k, first]) for k in others])
-        pairs = zip(others, adjusted, strict=True)
-        return {k for k, p in pairs if p < 1 - LEVEL and distinct[k, first]}
-
-    return grouped(range(len(difference)), worse)
+    def enough(self, fewest: int) -> bool:
+        """Return whether there are enough presses, or sensors, and seeds for a rank."""
+        return self.presses >= fewest and (not self.seeds or self.seeds >= FEWEST_SEEDS)
 
 
 def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
@@ -214,12 +240,11 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
     return _Sample(pooled.value, len(trainings) if drawn else 0, variance, errors_of_row)
 
 
-def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray]:
     """Return the differences of log errors, row minus column, and their p values.
 
     Returns:
-        Three (K, K) arrays: the differences, the p values of presses alone, and the p values of
-        presses and seeds.
+        Two (K, K) arrays.
     """
     value = np.array([max(sample.value, SMALLEST_MM) for sample in samples])
     presses = np.array([float(sample.presses) for sample in samples])
@@ -234,14 +259,14 @@ def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatA
         difference[block], difference[mirrored] = apart, -apart.T
         variance[block], variance[mirrored] = spread, spread.T
         counts[block], counts[mirrored] = errors.shape[1], errors.shape[1]
-    of_presses, of_both = crossed_p_values(
+    p = crossed_p_values(
         difference,
         variance,
         counts,
         np.array([sample.seed_variance for sample in samples]) / value**2,
         np.array([float(sample.seeds) for sample in samples]),
     )
-    return difference, of_presses, of_both
+    return difference, p
 
 
 def _ratios(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -104,15 +104,17 @@ def reproduce(
     *,
     data: Path | None = None,
     cache: Path | None = None,
+    runner: str = "",
 ) -> ReproducedRun:
     """Make the run of a committed record again and compare its metrics.
 
     Args:
         path: File of the record.
-        host: The plugins that carry the request out.
+        host: The plugins, such as those of ``WorkerHost``.
         reporter: Shows the work.
         data: Folder of the recording that the run read, or a folder above its recordings.
         cache: Folder of frames, weights and answers that may be used; None: all are made anew.
+        runner: Command that starts the process in which the model answers; "": this Python.
 
     Raises:
         UserError: The record is invalid, or its run cannot be made with what is installed here.
@@ -120,7 +122,7 @@ def reproduce(
     record = read_submission(path)
     refuse_names(record, str(path))
     recorded_version(record.protocol.label, record.protocol.hash, str(path))
-    request = request_of_record(record, host, data)
+    request = replace(request_of_record(record, host, data), runner=runner)
     with TemporaryDirectory(prefix="tactibench-") as folder:
         place = Path(folder)
         plan = make_plan(request, host, cache or place / "cache", store=place / "runs")

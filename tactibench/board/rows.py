@@ -18,13 +18,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tactibench.errors import UserError
 from tactibench.metrics import AXES
-from tactibench.plugins import PluginHost
+from tactibench.plugins import Catalogue, ModelSpec, PluginHost, installed
+from tactibench.protocols import load_protocol
 from tactibench.records import Record, canonical, digest
-from tactibench.run import SHOTS, settled_time
+from tactibench.run import SHIPPED, SHOTS, holds_several, settled_time
 
-MIXING = "mixing"
-"""Parameter of models that can train on frames mixed out of single presses: how many they mix."""
 BOUND = "rmse_over_bound"
 BELOW_BOUND = (
     "more exact than the Cramer-Rao bound of the frames, which no unbiased reading of them is: the "
@@ -39,23 +39,29 @@ def below_bound(value: float | None, high: float | None) -> bool:
     return value is not None and (value if high is None else high) < 1.0
 
 
-def mixing_of(record: Record) -> float:
-    """Return the number of frames mixed out of single presses for every training frame."""
-    share = record.training.notes.get(MIXING, record.model.parameters.get(MIXING))
-    return max(float(share), 0.0) if isinstance(share, int | float) else 0.0
-
-
 NOT_STATED = "not stated"
 
 
-def prior_of(record: Record) -> str:
-    """Return what a model knew of contacts that press together, see ``FitReport.prior``."""
-    return record.training.prior or NOT_STATED
-
-
 @cache
-def _deterministic_models() -> frozenset[str]:
-    return frozenset(spec.name for spec in PluginHost().models if spec.deterministic)
+def shipped_models() -> Catalogue[ModelSpec]:
+    """Return the models that ship; a plugin of anybody else is not imported."""
+    return PluginHost([pair for pair in installed() if pair[1].distribution == SHIPPED]).models
+
+
+def prior_of(record: Record) -> str:
+    """Return what the model of a record knew of contacts that press together, see ``Prior``.
+
+    Of a model that ships it follows from its spec and its parameters. Of any other one it is the
+    word of the record.
+    """
+    model = record.model
+    try:
+        spec = load_protocol(record.protocol.id).spec
+        own = shipped_models().for_answer(spec.answer)[model.name]
+    except UserError:  # of somebody else, or of a protocol that is not here
+        return record.training.prior or NOT_STATED
+    several = record.regime in spec.regimes and holds_several(spec, record.regime)
+    return own.prior(model.parameters, spec.answer, several=several)
 
 
 def draws_nothing(record: Record) -> bool:
@@ -63,22 +69,21 @@ def draws_nothing(record: Record) -> bool:
 
     A training for another sensor may draw how sensors differ (``kernel`` does).
     """
-    return record.model.name in _deterministic_models() and not trained_on(record)
+    own = shipped_models().specs.get(record.model.name)
+    return own is not None and own.deterministic and not trained_on(record)
 
 
 def model_text(record: Record) -> str:
-    """Return the model with its parameters, and how many presses of the tested sensor it was shown.
-
-    Mixing is left out, because it has its own column.
-    """
-    text = record.model.text(without=MIXING)
-    if record.shots:
-        text += f", {record.shots:,} labelled presses"
-    return text
+    """Return the model with its settings, and how many presses of the test it was shown."""
+    text = record.model.text()
+    return f"{text}, {record.shots:,} labelled presses" if record.shots else text
 
 
 def label_of(record: Record, *, shots: bool = True, regime: bool = True) -> str:
-    """Return model, encoder where there is one, mixing and regime, in one line.
+    """Return the name of a row: its model, and all that differs from the default.
+
+    So ``unet`` has the encoder of the protocol and its first regime, and the row called
+    ``unet, faults=0.5 (multiple)`` differs in a setting and in the regime.
 
     Args:
         record: Record of the run.
@@ -86,12 +91,22 @@ def label_of(record: Record, *, shots: bool = True, regime: bool = True) -> str:
             shown.
         regime: Whether the line says in which regime the model was trained.
     """
-    text = model_text(record) if shots else record.model.text(without=MIXING)
-    if record.encoder is not None:
-        text += f" + {record.encoder.text()}"
-    if share := mixing_of(record):
-        text += f", mixing {share:g}"
-    return f"{text} ({record.regime})" if regime else text
+    text = model_text(record) if shots else record.model.text()
+    usual_encoder, usual_regime = _usual(record.protocol.id)
+    encoder = record.encoder
+    own = (usual_encoder, record.model.name)  # a model may bring an encoder of its name
+    if encoder is not None and (encoder.changed or encoder.name not in own):
+        text += f" + {encoder.text()}"
+    return f"{text} ({record.regime})" if regime and record.regime != usual_regime else text
+
+
+def _usual(protocol: str) -> tuple[str | None, str | None]:
+    """Return the default encoder and the first regime of a protocol; None where it is unknown."""
+    try:
+        spec = load_protocol(protocol).spec
+    except UserError:  # not installed here, or broken since: the name then says all
+        return None, None
+    return spec.defaults.encoder, next(iter(spec.regimes))
 
 
 def trained_on(record: Record) -> str:
@@ -100,32 +115,20 @@ def trained_on(record: Record) -> str:
     return "" if test is None else test.trained_on or ""
 
 
-@dataclass(frozen=True)
-class FittedFrames:
-    """Labelled frames of the tested recording to which something else than the model was fitted.
+def fitted_words(record: Record) -> str:
+    """Return what was fitted to labelled frames of the tested sensor, besides a model; "" for none.
 
-    Attributes:
-        simulator: Frames to which the simulated sensor of the training was fitted.
-        labels: Frames to which offset and pivot of the labels were fitted.
+    These are the simulated sensor of the training, and offset and pivot of the labels.
     """
-
-    simulator: int
-    labels: int
-
-    @property
-    def known(self) -> int:
-        """Sum of the two; a frame that served both is counted twice."""
-        return self.simulator + self.labels
-
-
-def fitted_frames(record: Record) -> FittedFrames | None:
-    """Return what was fitted to the tested sensor; None for a model that was trained on it."""
-    seen, test = record.data.of_tested_sensor, record.test_sensor
-    if seen is None or test is None or not test.trained_on:
-        return None
+    seen = record.data.of_tested_sensor
+    if seen is None or not trained_on(record):
+        return ""
     fit = seen.described.get("label_fit")
     labels = int(fit["presses"]) if isinstance(fit, Mapping) else 0
-    return FittedFrames(seen.left_out_calibrated, labels)
+    text = f"Offset and pivot of the labels were fitted to {labels:,} labelled frames"
+    if seen.left_out_calibrated:
+        text += f", the simulated sensor to {seen.left_out_calibrated:,} others, which test nothing"
+    return f"{text}."
 
 
 def command_options(record: Record) -> str:
@@ -149,7 +152,10 @@ class PooledMetric:
         sd: Sample standard deviation over seeds; None for one seed.
         clusters: Number of presses behind the number in one seed, the fewest and the most.
         unit: Unit of the value.
-        censored: "<" or ">" where the value is only a limit.
+        censored: "<" or ">" where the value is only a limit, of every seed.
+        seeds: Number of seeds.
+        limits: Words for seeds that have only a limit and are not in the value, such as "2 of 3
+            seeds > 6.5"; "" for none.
     """
 
     value: float
@@ -159,6 +165,8 @@ class PooledMetric:
     clusters: tuple[int, int]
     unit: str
     censored: str | None = None
+    seeds: int = 1
+    limits: str = ""
 
 
 @dataclass(frozen=True)
@@ -210,15 +218,14 @@ class Row:
         return self.first.regime
 
     @property
-    def mixing(self) -> float:
-        """Frames mixed out of single presses for every training frame."""
-        return mixing_of(self.first)
+    def default(self) -> bool:
+        """True for a model whose settings, encoder and training are at their defaults."""
+        return label_of(self.first, regime=False) == self.first.model.name
 
     @property
     def prior(self) -> str:
-        """Prior knowledge of contacts that press together, and how many frames were mixed."""
-        share = f", mixing {self.mixing:g}" if self.mixing else ""
-        return prior_of(self.first) + share
+        """What it knew of contacts that press together, see ``prior_of``."""
+        return prior_of(self.first)
 
     @property
     def trivial(self) -> bool:
@@ -247,16 +254,22 @@ class Row:
     def metric(self, metric: str, group: str) -> PooledMetric | None:
         """Return a metric over all seeds.
 
-        None where a seed has no value, because the other seeds alone could look too good.
+        None where a seed has no value, because the other seeds alone could look too good. Where
+        some seeds have a value and some a limit, the value is that of the former.
         """
         rows = [row for record in self.records if (row := record.metric(metric, group))]
-        values = [row.value for row in rows if row.value is not None]
-        if not values or len(values) < len(self.records):
+        if not rows or any(row.value is None for row in rows) or len(rows) < len(self.records):
             return None
         marks = {row.censored for row in rows if row.censored}
+        limited = [f"{row.censored} {row.value:g}" for row in rows if row.censored]
+        if measured := [row for row in rows if not row.censored]:
+            rows, marks = measured, set()
         if len(marks) > 1:
             return None
+        values = [row.value for row in rows if row.value is not None]
         counts = [row.clusters for row in rows]
+        of_all = f"{len(limited)} of {len(self.records)} seeds"
+        limits = f"{of_all} {', '.join(sorted(set(limited)))}" if measured and limited else ""
         return PooledMetric(
             statistics.fmean(values),
             _mean_or_none([row.low for row in rows]),
@@ -265,6 +278,8 @@ class Row:
             (min(counts), max(counts)),
             rows[0].unit,
             next(iter(marks), None),
+            len(values),
+            limits,
         )
 
     def over(self, quantity: Callable[[Record], float | None]) -> list[float]:
@@ -344,25 +359,6 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
     labels = Counter(_shown(records[0]) for records in seeds)
     rows = [Row(records, _mark(records[0], labels)) for records in seeds]
     return sorted(rows, key=lambda row: (row.first.shots, row.label, row.first.limits.presses or 0))
-
-
-def row_on_own_test(row: Row, records: Iterable[Record]) -> Row | None:
-    """Return the row of the same weights on the protocol's own test; None where a seed lacks it.
-
-    Args:
-        row: Row of models that were tested on something else: hidden presses, finite elements,
-            another sensor.
-        records: All records of the same version of the protocol.
-    """
-    weights = [_weights(record) for record in row.records]
-    on_own_test = [record for record in trained_for(records) if _weights(record) in weights]
-    return Row(tuple(on_own_test)) if len(on_own_test) == len(row.records) else None
-
-
-def _weights(record: Record) -> list[Any]:
-    # The hash alone cannot tell apart decoders of one map, nor sensors with equal labels.
-    encoder = None if record.encoder is None else record.encoder.identity
-    return [*training_sensor(record), encoder, record.regime, record.identity.weights_hash]
 
 
 def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:

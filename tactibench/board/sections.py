@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactibench.board.ranking import ordered, ranks
+from tactibench.board.ranking import RankInterval, ordered, ranks
 from tactibench.board.rows import Row, rows_of, section_key, trained_for, trained_on
 from tactibench.board.submissions import (
     FOLDER,
@@ -68,7 +68,7 @@ class Section:
 def sections_of(records: Iterable[Record]) -> list[Section]:
     """Return the records as sections: by version, sensor and test frames.
 
-    Simulated sensors come first, then nominal ones, then published test frames.
+    Simulated sensors come first, then nominal ones, then published test frames, then most runs.
     """
     groups: dict[str, list[Record]] = {}
     for record in records:
@@ -79,9 +79,10 @@ def sections_of(records: Iterable[Record]) -> list[Section]:
     return sorted(named, key=_order)
 
 
-def _order(section: Section) -> tuple[bool, bool, bool, str]:
+def _order(section: Section) -> tuple[bool, bool, bool, str, int]:
     unpublished = not section.record.data.published_frames
-    return section.origin != "simulated", not section.nominal, unpublished, section.title
+    title = Section(section.rows).title
+    return section.origin != "simulated", not section.nominal, unpublished, title, -_runs(section)
 
 
 def _mark(section: Section) -> str:
@@ -168,20 +169,15 @@ class Placement:
 
     Attributes:
         ranking: The error that orders the board.
-        rank: Rank of the run's row; rows that cannot be told apart share one. None: the row has too
-            few seeds or presses for a rank.
+        rank: Ranks that the run's row may have; None: it has too few seeds or presses for a rank.
         rows: Number of rows that have a rank.
-        above: The next better row, of another rank where the run has a rank; None for the best.
-        board: Folder of the board.
-        committed: Whether the run itself is a row of the board already.
+        above: The row with the next smaller error; None for the best.
     """
 
     ranking: Ranking
-    rank: int | None
+    rank: RankInterval | None
     rows: int
     above: Row | None
-    board: Path | None = None
-    committed: bool = False
 
 
 def place_run(run: StoredRun, board: Path) -> Placement | None:
@@ -208,11 +204,10 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     committed = board / FOLDER / record.protocol.id
     if ranking is None or protocol is None or shortened or not committed.is_dir():
         return None
-    all_records = read_submissions(board, record.protocol.id)
     compacted, key = compact(record), canonical(section_key(record))
     others = [
         other
-        for other in all_records
+        for other in read_submissions(board, record.protocol.id)
         if other.limits.presses is None
         and canonical(section_key(other)) == key
         and slot(other) != slot(compacted)
@@ -227,20 +222,9 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     place = next(k for k, row in enumerate(rows) if compacted in row.records)
     if ranked is None or rows[place].metric(ranking.metric, ranking.group) is None:
         return None
-    numbers = ranked.by_row
-    rank = numbers[place]
-    if rank is None:
-        above = place - 1 if place else None
-    else:
-        better = [k for k, number in enumerate(numbers) if number is not None and number < rank]
-        above = max(better, key=lambda k: (numbers[k] or 0, k), default=None)
-    ranked_rows = sum(number is not None for number in numbers)
-    committed_names = {other.name for other in all_records}
     return Placement(
         ranking=ranking,
-        rank=rank,
-        rows=ranked_rows,
-        above=None if above is None else rows[above],
-        board=board,
-        committed=compacted.name in committed_names,
+        rank=ranked.by_row[place],
+        rows=sum(rank is not None for rank in ranked.by_row),
+        above=rows[place - 1] if place else None,
     )

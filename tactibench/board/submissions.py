@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,7 @@ import numpy.typing as npt
 
 from tactibench.board.rows import label_of, row_key
 from tactibench.contacts import FloatArray
-from tactibench.errors import UserError
+from tactibench.errors import UserError, did_you_mean
 from tactibench.metrics import AnyTrials, press_shares
 from tactibench.protocols import (
     Protocol,
@@ -163,13 +164,14 @@ def committed_protocols(board: Path) -> Iterator[str]:
         yield from sorted(path.name for path in place.iterdir() if path.is_dir())
 
 
-def check_folder(board: Path) -> None:
-    """Raise UserError where there is no board."""
-    if not board.is_dir():
-        raise UserError(
-            f"there is no board in {board}; name another folder with --board DIR (a checkout of "
-            f"tactibench has leaderboards), or begin a board of your own: `mkdir {board}`."
-        )
+def check_folder(board: Path, *, writes: bool = False) -> None:
+    """Raise UserError where there is no board; writes: whether rows are to be added."""
+    if board.is_dir():
+        return
+    other = f"begin one: `{shlex.join(['mkdir', str(board)])}`" if writes else "leave it out"
+    beside = (path.name for path in board.parent.glob("*/"))
+    advice = did_you_mean(board.name, beside, f"name another with --board DIR, or {other}.")
+    raise UserError(f"there is no folder {board}; {advice}")
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:

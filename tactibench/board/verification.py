@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.board.rows import BOUND, below_bound, label_of
+from tactibench.board.rows import BOUND, label_of, shipped_models
 from tactibench.board.submissions import (
     Arrays,
     answers_file,
@@ -59,6 +59,7 @@ from tactibench.records import (
 from tactibench.run import (
     HIDDEN,
     LIMIT,
+    SHIPPED,
     TestOptions,
     failures_record,
     few_shot_truth,
@@ -129,11 +130,29 @@ class Verdict:
         wanted = headline(self.record)
         return [row for row in self.again if (row.metric, row.group) in wanted]
 
-    def below_bound(self) -> list[Metric]:
-        """Return the errors that are surely below the Cramer-Rao bound."""
-        return [
-            row for row in self.again if row.metric == BOUND and below_bound(row.value, row.high)
+    @property
+    def checked(self) -> str:
+        """What was checked, in words."""
+        return (
+            "the form of both files; that the answers are those of the record; "
+            f"{len(self.again):,} metrics with their intervals and counts, against the truth of "
+            f"{self.frames:,} test frames, which was made again; the errors by which a board ranks"
+        )
+
+    @property
+    def unknown(self) -> str:
+        """What these files cannot show, in words; a board shows it as submitted."""
+        metrics = {row.metric for row in self.record.metrics}
+        claims = [
+            "that this model gave these answers",
+            "its training and weights",
+            "its times and the machine",
+            *(["bounds of the sensor"] if metrics & {*FROM_SENSOR} else []),
+            *(["metrics of heatmaps"] if metrics & FROM_MAPS else []),
         ]
+        if self.record.model.name not in shipped_models():
+            claims.append("what it knew of contacts that press together")
+        return "; ".join(claims)
 
 
 def headline(record: Record) -> list[tuple[str, str]]:
@@ -180,6 +199,7 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     protocol = recorded_version(record.protocol.label, record.protocol.hash, where)
     if record.signature != (signature := make_signature(record)):
         raise UserError(f"{where}: the signature is {record.signature}, but should be {signature}.")
+    refuse_borrowed_name(record, protocol.spec.answer, where)
     place = answers_file(path)
     answers, ranked = split_ranked(read_answers_file(place))
     if arrays_hash(answers) != record.identity.predictions_hash:
@@ -194,11 +214,6 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     truth = make_truth(record, protocol, source, seed)
     frames = len(truth["press"])
     shown = frames // (len(labelled_counts(record, protocol)) or 1)
-    if record.data.test != shown:
-        raise UserError(
-            f"{path} says that it was tested on {record.data.test} frames, but the "
-            f"protocol tests {shown:,}."
-        )
     guarded = bool(protocol.spec.families)
     check_answers(answers, protocol.spec.answer, frames, str(place), guarded=guarded)
     if guarded:
@@ -213,6 +228,27 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     from_answers = tuple(row for row in again if row.metric not in FROM_MAPS)
     return Verdict(path, record, shown, from_answers)
+
+
+def refuse_borrowed_name(record: Record, answer: str, where: str) -> None:
+    """Raise UserError for a run of somebody else's model under the name of one that ships.
+
+    Args:
+        record: The record.
+        answer: Kind of the answers, "contacts", "plate" or "sites".
+        where: Name of the record in messages.
+    """
+    name, shipped = record.model.name, shipped_models().for_answer(answer)
+    if name not in shipped.specs:
+        return
+    made_by = record.identity.plugins.get(shipped.origins[name].plugin, {}).get("distribution")
+    if made_by != SHIPPED:
+        raise UserError(
+            f"{where} calls its model {name!r}, which is the name of a model that ships with "
+            f"tactibench; the record names {made_by or 'no distribution'} as its author. Give the "
+            "model another name."
+        )
+    shipped[name].check(record.model.parameters)
 
 
 def refuse_differences(stated: Sequence[Metric], again: Sequence[Metric], where: str) -> None:
@@ -291,11 +327,6 @@ def make_truth(
     options = options_of_test(record)
     if options.data is not None:
         options = replace(options, data=source.data)
-    if protocol.spec.transfer is None and options.shots != record.shots:
-        raise UserError(
-            f"{record.name} says that its model was shown {record.shots:,} labelled presses of the "
-            f"tested sensor, but its options ask for {options.shots:,}; submit the run again."
-        )
     if protocol.spec.transfer is not None and options.data is None:
         raise UserError(
             f"{record.name}: the truth of {protocol.spec.id!r} is in the recording that was "

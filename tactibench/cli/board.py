@@ -16,6 +16,8 @@ from tactibench.cli.options import (
     echo,
     json_option,
     output_file,
+    own_board_option,
+    runner_option,
     save_json,
     store_option,
 )
@@ -40,38 +42,51 @@ def board() -> None:
 
 @board.command(short_help="the ranked rows of a board")
 @click.argument("protocol", type=PROTOCOL)
+@click.option("--full", is_flag=True, help="Print every row, sensor and table, and published ones.")
 @board_option
-def show(protocol: str, board_folder: Path) -> None:
-    """Print the ranked rows of PROTOCOL, a table a sensor; the pages hold the other tables."""
+def show(protocol: str, full: bool, board_folder: Path) -> None:
+    """Print the board of PROTOCOL: the models at their defaults, as its page shows them."""
     from tactibench.board import check_folder
     from tactibench.cli.output import Terminal
     from tactibench.protocols import load_protocol
-    from tactibench.report import committed_page, print_table
+    from tactibench.report import board_words, committed_page, print_table
 
     check_folder(board_folder)
     loaded = load_protocol(protocol)
     name = loaded.spec.id
-    sections = committed_page(loaded, board_folder).sections
-    if not sections:
+    page = committed_page(loaded, board_folder)
+    if not page.sections:
         raise UserError(
             f"{board_folder} has no ranked rows of {name}; `tactibench board add RUN` adds one."
         )
     terminal = Terminal()
-    for number, section in enumerate(sections):
-        terminal.say(("\n" if number else "") + section.title)
-        print_table(terminal.out, section.tables[0])
-    terminal.say(f"all tables: {board_folder / name}.md")
+    terminal.say(f"{page.title}\n{page.result}".rstrip())
+    for section in page.sections if full else page.shown:
+        if full:
+            terminal.say(f"\n{section.title}")
+        for table in section.tables if full else section.summaries:
+            terminal.say("")
+            print_table(terminal.out, table)
+    for table in page.published if full else ():
+        terminal.say("")
+        print_table(terminal.out, table)
+    more = "" if full else f"tactibench board show {name} --full; "
+    asked = "".join(f" {word}" for word in board_words(board_folder))
+    page_file = board_folder / f"{name}.md"
+    where = f"; page: {page_file}" if page_file.is_file() else ""
+    terminal.say(f"\nmore: {more}tactibench report{asked}{where}")
+    terminal.say_board(board_folder)
 
 
 @board.command(short_help="make the pages of all boards from the records")
-@board_option
+@own_board_option
 def write(board_folder: Path) -> None:
     """Write the pages of all boards from the committed records."""
     _write_pages(board_folder)
 
 
 @board.command("check", short_help="compare the pages with the records; write nothing")
-@board_option
+@own_board_option
 @click.pass_context
 def check_pages(ctx: click.Context, board_folder: Path) -> None:
     """Say whether the pages are what the committed records give; exit code 1 when one is not.
@@ -97,7 +112,7 @@ def check_pages(ctx: click.Context, board_folder: Path) -> None:
 @board.command(short_help="runs become rows, and the pages are made")
 @click.argument("names", nargs=-1, required=True, metavar="RUN...", type=RUN)
 @store_option
-@board_option
+@own_board_option
 def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
     """Add each RUN (a name, a folder, or a pattern such as 'exp1-*') and write the pages.
 
@@ -105,19 +120,21 @@ def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
     pattern passes them over.
     """
     from tactibench.board import add, check_folder
+    from tactibench.records import beside, locked
 
-    check_folder(board_folder)
-    for run in _complete_runs(store, names):
-        path, replaced = add(run, board_folder)
-        echo(f"added {path}")
-        _echo_replaced(replaced)
-    _write_pages(board_folder)
+    check_folder(board_folder, writes=True)
+    with locked(beside(board_folder, ".lock")):  # else two do not see each other's rows
+        for run in _complete_runs(store, names):
+            path, replaced = add(run, board_folder)
+            echo(f"added {path}")
+            _echo_replaced(replaced)
+        _write_pages(board_folder)
 
 
 @board.command(short_help="write a run's two files for a pull request")
 @click.argument("name", metavar="RUN", type=RUN)
 @store_option
-@board_option
+@own_board_option
 def submit(name: str, store: Path, board_folder: Path) -> None:
     """Write the record and the predictions of RUN into a board's folder, for a pull request.
 
@@ -127,7 +144,7 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     from tactibench.board import add, answers_file, check_folder
     from tactibench.records import open_run
 
-    check_folder(board_folder)
+    check_folder(board_folder, writes=True)
     record, replaced = add(open_run(store, name), board_folder)
     for path in (record, answers_file(record)):
         echo(f"wrote {path} ({path.stat().st_size / 1000:,.0f} kB)")
@@ -206,6 +223,7 @@ def verify(
     is_flag=True,
     help="Take frames, weights and answers that are in the cache; default: all are made anew.",
 )
+@runner_option
 @click.option("--by", metavar="NAME", help="Write into FILE that NAME reproduced it here, today.")
 @json_option
 @click.pass_context
@@ -214,12 +232,14 @@ def reproduce_run(
     file: Path,
     data: Path | None,
     cached: bool,
+    runner: str | None,
     by: str | None,
     json_file: Path | None,
 ) -> None:
     """Make the run of a committed record again from its request, and compare its metrics.
 
-    The plugins that are installed press, train, predict and score anew. A model that draws nothing
+    The plugins that are installed press, train, predict and score anew; the model answers in a
+    process that holds frames and nothing else. A model that draws nothing
     must give the same metrics to 0.001; another one must stay in the interval of each metric.
     Exit code 1 where the error that ranks the row or its misses do not.
 
@@ -229,14 +249,13 @@ def reproduce_run(
     """
     from tactibench.board import note_reproduction, reproduce, reproduction_rows
     from tactibench.cli.output import Terminal
-    from tactibench.plugins import PluginHost
     from tactibench.records import cache_folder
     from tactibench.report import print_reproduction
-    from tactibench.run import data_folder
+    from tactibench.run import WorkerHost, data_folder
 
-    terminal = Terminal()
-    cache = cache_folder() if cached else None
-    run = reproduce(file, PluginHost(), terminal, data=data_folder(data), cache=cache)
+    terminal, command = Terminal(), runner or ""
+    cache, folder = cache_folder() if cached else None, data_folder(data)
+    run = reproduce(file, WorkerHost(command), terminal, data=folder, cache=cache, runner=command)
     print_reproduction(terminal.out, run)
     save_json(json_file, list(reproduction_rows(run)))
     if not run.reproduced:
@@ -278,7 +297,7 @@ def _cell(value: Any) -> Any:
 @board.command(short_help="publish the hash of the secret seed of test presses, or the seed")
 @click.argument("protocol")
 @click.option("--reveal", is_flag=True, help="Publish the seed itself, after the last run.")
-@board_option
+@own_board_option
 def hidden(protocol: str, reveal: bool, board_folder: Path) -> None:
     """Publish the hash of the secret seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import ImportOptions, LabelReport, LabelSummary, PinSummary, Recording
+    from tactibench.datasets import ImportOptions, LabelReport, Recording
     from tactibench.frames import Service
 
 SHEET_ROWS, SHEET_COLUMNS = 6, 8
@@ -133,8 +133,7 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
 
 
 @data.command(short_help="press a sensor and keep the frames")
-@click.argument("protocol", required=False)
-@click.option("--plan", type=click.Path(path_type=Path), help="Press the lines of a plan.jsonl.")
+@click.argument("what", metavar="PROTOCOL|PLAN.jsonl")
 @click.option("--sensor", help="Sensor that is pressed; default: the protocol's.")
 @param_option("sensor.NAME=VALUE", "Set one.")
 @click.option(
@@ -147,8 +146,7 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
 @click.option("--count", type=click.IntRange(min=1), help="At most so many presses of every set.")
 @click.option("--seed", type=click.IntRange(min=0), help="Other presses and other noise.")
 def generate(
-    protocol: str | None,
-    plan: Path | None,
+    what: str,
     sensor: str | None,
     params: tuple[str, ...],
     out: Path,
@@ -164,16 +162,15 @@ def generate(
     \b
     tactibench data generate exp1 --out data/exp1
     tactibench data generate exp2 --sensor tactip-331 --count 200 --out data/exp2-331
-    tactibench data generate --plan presses.jsonl --out data/grid
+    tactibench data generate presses.jsonl --out data/grid
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import GenerationRequest, is_complete, is_dataset, open_dataset
     from tactibench.datasets import generate as write
+    from tactibench.datasets import is_complete, is_dataset, open_dataset, resolve_presses
     from tactibench.run import read_parameters
 
-    parameters = tuple(read_parameters(params, ("sensor",)).get("sensor", {}).items())
-    request = GenerationRequest(protocol, plan, sensor, parameters, count, seed)
-    press_plan, source = request.resolve()
+    parameters = read_parameters(params, ("sensor",)).get("sensor", {})
+    press_plan, source = resolve_presses(what, sensor, parameters, count, seed)
     terminal = Terminal()
     total = sum(1 for _ in press_plan)
     if is_complete(out, source, press_plan):
@@ -328,11 +325,10 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     from tactibench.cli.output import Terminal
     from tactibench.datasets import (
         ChannelKind,
-        label_values,
+        label_ranges,
         open_recording,
+        pin_counts,
         read_options,
-        summarize_labels,
-        summarize_pins,
     )
     from tactibench.frames import served_protocols
 
@@ -342,12 +338,15 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     channels = isinstance(recording.kind, ChannelKind)
     if sheet is not None and channels:
         raise UserError(f"{folder} holds {recording.kind} and no images; leave --sheet out.")
-    labels = summarize_labels(label_values(recording))
+    labels = label_ranges(recording)
     _print_facts(terminal, folder, recording)
     _print_labels(terminal, labels)
-    pins = None if channels else summarize_pins(recording)
+    pins = None if channels else pin_counts(recording)
     if pins is not None:
-        terminal.say(f"\n{pins}")
+        counts = sorted(pins[0])
+        low, median, high = counts[0], counts[len(counts) // 2], counts[-1]
+        rest = "" if pins[1] is None else f", {pins[1]} in the rest frame"
+        terminal.say(f"\npins in {len(pins[0])} frames: {median} ({low} to {high}){rest}")
     report = _labels_report(recording, options)
     terminal.say("")
     print_labels_report(terminal, report)
@@ -424,18 +423,14 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
         terminal.say(f"  {name:<11}{text}")
 
 
-def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
+def _print_labels(terminal: Terminal, labels: Mapping[str, tuple[float, ...]]) -> None:
+    from tactibench.datasets import unit_of
     from tactibench.report import Cell, Column, Head, Number, fixed, print_table, table
 
-    heads: list[Head] = ["label", *map(Column, ("least", "mean", "most")), "", "histogram"]
+    heads: list[Head] = ["label", *map(Column, ("least", "mean", "most")), ""]
     rows: list[list[Cell]] = [
-        [
-            label.name,
-            *(Number(value, fixed(2)) for value in (label.low, label.mean, label.high)),
-            label.unit,
-            label.bars,
-        ]
-        for label in labels
+        [name, *(Number(value, fixed(2)) for value in numbers), unit_of(name)]
+        for name, numbers in labels.items()
     ]
     terminal.say("")
     print_table(terminal.out, table(heads, rows))
@@ -467,11 +462,13 @@ def print_labels_report(terminal: Terminal, report: LabelReport) -> None:
 
 def _info_rows(
     recording: Recording,
-    labels: Sequence[LabelSummary],
-    pins: PinSummary | None,
+    labels: Mapping[str, tuple[float, ...]],
+    pins: tuple[list[int], int | None] | None,
     protocols: Sequence[Service],
 ) -> list[dict[str, Any]]:
     """Return rows of metric, group, value, unit."""
+    from tactibench.datasets import unit_of
+
     facts = {
         "format": recording.format,
         "generation": recording.generation,
@@ -483,20 +480,14 @@ def _info_rows(
     }
     if pins is not None:
         facts |= {
-            "pins found, least": min(pins.counts),
-            "pins found, most": max(pins.counts),
-            "pins at rest": pins.rest,
-            "share of frames with all pins seen": pins.visible_share,
-            "largest displacement, median, px": pins.moved_px,
+            "pins found, least": min(pins[0]),
+            "pins found, most": max(pins[0]),
+            "pins at rest": pins[1],
         }
     rows = [_row(name, "all", value) for name, value in facts.items()]
-    for label in labels:
-        rows += [
-            _row("least", label.name, label.low, label.unit),
-            _row("mean", label.name, label.mean, label.unit),
-            _row("most", label.name, label.high, label.unit),
-            _row("histogram", label.name, list(label.counts), "frames"),
-        ]
+    for name, numbers in labels.items():
+        words = zip(("least", "mean", "most"), numbers, strict=True)
+        rows += [_row(word, name, value, unit_of(name)) for word, value in words]
     rows += [_row("served", s.protocol, s.served) | {"reason": s.reason} for s in protocols]
     return rows + [_row("note", "all", note) for note in recording.notes]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import echo, json_option, save_json, store_option
+from tactibench.cli.options import OneOf, echo, json_option, save_json, store_option
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ Row = dict[str, Any]
 
 
 @click.command("list")
-@click.argument("kind", type=click.Choice(KINDS), required=False)
+@click.argument("kind", type=OneOf(KINDS), required=False)
 @json_option
 @store_option
 def listing(kind: str | None, json_file: Path | None, store: Path) -> None:

@@ -125,6 +125,8 @@ def run() -> None:
         sys.stdout.flush()
     except OSError:  # it was reported; Python's own flush at exit would complain a second time
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if code == INTERRUPTED:
+        os._exit(code)  # while Python itself ends, a second Ctrl-C would kill it by its signal
     sys.exit(code)
 
 

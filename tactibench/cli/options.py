@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
-from tactibench.errors import UserError, is_full, printable
+from tactibench.errors import UserError, did_you_mean, is_full, printable
+from tactibench.shipped import OWN_BOARD, default_board
 
 if TYPE_CHECKING:
     from tactibench.run import RunRequest
@@ -42,14 +44,6 @@ def output_file(
     return click.option(*names, type=file, callback=check, **attributes)
 
 
-def folder_option(*names: str, default: str, help_text: str) -> Callable[[Verb], Verb]:
-    """Return an option that names a folder, which need not be there."""
-    folder = click.Path(path_type=Path, file_okay=False)
-    return click.option(
-        *names, type=folder, default=Path(default), show_default=True, help=help_text
-    )
-
-
 def param_option(
     metavar: str = "KIND.NAME=VALUE", help_text: str = "Set a parameter."
 ) -> Callable[[Verb], Verb]:
@@ -57,11 +51,19 @@ def param_option(
     return click.option("--param", "params", multiple=True, metavar=metavar, help=help_text)
 
 
-store_option = folder_option("--store", default="runs", help_text="The run store.")
-board_option = folder_option(
-    "--board", "board_folder", default="leaderboards", help_text="Folder of the leaderboards."
-)
+_folder = partial(click.option, type=click.Path(path_type=Path, file_okay=False))
+_board = partial(_folder, "--board", "board_folder", help="Folder of the leaderboards.")
+store_option = _folder("--store", default="runs", show_default=True, help="The run store.")
+board_option = _board(default=default_board, show_default=f"{OWN_BOARD} here, or those that ship")
+"""The board that is read."""
+own_board_option = _board(default=OWN_BOARD, show_default=True)
+"""The board that is written, which is none of those that ship."""
 full_option = click.option("--full", is_flag=True, help="Print all tables and published rows.")
+runner_option = click.option(
+    "--runner",
+    metavar="COMMAND",
+    help="Starts the process in which the model answers, through a container or another user.",
+)
 json_option = output_file("--json", "json_file", help="Write the results here, as JSON.")
 picture_option = output_file(
     "--out", suffixes=(".png",), metavar="FILE.png", help="Draw the picture."
@@ -87,16 +89,29 @@ def add_options(*options: Callable[[Verb], Verb]) -> Callable[[Verb], Verb]:
     return decorate
 
 
+def _read_seeds(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, ...]:
+    """Return the seeds of "0,1,2", each once."""
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isdecimal() for word in words):
+        raise click.BadParameter(f"{text!r} is no list of seeds; write 0 or 0,1,2.", ctx, param)
+    return tuple(dict.fromkeys(map(int, words)))
+
+
 def request_options(
     *,
     regime: str = "Frames handed to training; default: the protocol's first.",
     encoder: str = "Encoder, for models that use one.",
     seed: str | None = None,
+    seeds: str | None = None,
 ) -> Callable[[Verb], Verb]:
     """Add what a request asks of frames, weights and machine; the arguments are help texts.
 
-    The verb takes the values as ``**options`` and hands them to ``request_of``.
+    The verb takes the values as ``**options`` and hands them to ``request_of``. With ``seeds`` it
+    takes several seeds, as ``seeds``, in place of one.
     """
+    shown: dict[str, Any] = {"default": "0", "show_default": True}
+    one = click.option("--seed", type=click.IntRange(min=0), help=seed, **shown)
+    many = click.option("--seeds", "--seed", callback=_read_seeds, help=seeds, **shown)
     return add_options(
         click.option("--regime", help=regime),
         click.option(
@@ -104,7 +119,7 @@ def request_options(
         ),
         click.option("--encoder", type=ENCODER, help=encoder),
         click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames."),
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help=seed),
+        many if seeds else one,
         click.option(
             "--device",
             type=click.Choice(["auto", "cpu", "cuda"]),
@@ -142,6 +157,14 @@ class Name(click.types.StringParamType):
     ) -> list[CompletionItem]:
         """Return the names that begin with what was typed."""
         return [CompletionItem(name) for name in self._names(ctx) if name.startswith(incomplete)]
+
+
+class OneOf(click.Choice[str]):
+    """One of a few words; another one is answered by the word that is meant, or by all."""
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:  # noqa: ARG002
+        """Return what is wrong with a word."""
+        return f"there is no {str(value)!r}; {did_you_mean(str(value), self.choices)}"
 
 
 def _plugins(kind: str) -> Names:
@@ -203,10 +226,7 @@ def _about_files(error: OSError) -> str:
     place = f" {error.filename}" if error.filename else ""
     if is_full(error):
         where = f" while writing{place}" if place else ""
-        return (
-            f"the disk is full{where}; free some space, or put the store elsewhere with --store "
-            "and the cache with TACTIBENCH_CACHE, then run the same command again."
-        )
+        return f"the disk is full{where}; free some space, then run the same command again."
     from tactibench.plugins import Owners
 
     what = error.strerror or str(error) or type(error).__name__

@@ -10,11 +10,13 @@ import click
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
+from tactibench import __version__
 from tactibench.errors import printable
 from tactibench.plugins import Progress
 from tactibench.protocols import Axis
 from tactibench.records import RECORD, StoredRun
 from tactibench.report import progress_on
+from tactibench.shipped import OWN_BOARD, shipped_folder
 
 
 class PlainConsole(Console):
@@ -44,6 +46,11 @@ class Terminal:
     def say(self, line: str) -> None:
         """Print a line, control characters escaped; the terminal breaks it."""
         self.out.print(line, markup=False, soft_wrap=True)
+
+    def say_board(self, board: Path) -> None:
+        """Say which board was read where that is none of the user's."""
+        if board == shipped_folder("leaderboards"):
+            self.say(f"board: that of tactibench {__version__}; a folder {OWN_BOARD} replaces it")
 
     def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
         """Show progress while something of ``total`` steps is done; yields what advances it."""
@@ -75,17 +82,18 @@ def show_run(terminal: Terminal, run: StoredRun, board: Path, *, full: bool = Fa
         place = place_run(run, board)
     if not full:
         print_summary(terminal.out, run.record, run.folder, place, board)
-        return
-    _print_all(terminal, run)
-    for picture in pictures:
-        terminal.say(f"picture: {picture}")
-    terminal.say(place_line(run.record, run.folder, place, board))
+    else:
+        _print_all(terminal, run)
+        for picture in pictures:
+            terminal.say(f"picture: {picture}")
+        terminal.say(place_line(run.record, run.folder, place, board))
+    if place is not None:
+        terminal.say_board(board)
 
 
 def _print_all(terminal: Terminal, run: StoredRun) -> None:
     from tactibench.protocols import PublishedTable, published_for, version_of
     from tactibench.report import print_run
-    from tactibench.shipped import shipped_folder
 
     record = run.record
     published: list[PublishedTable] = []
@@ -96,7 +104,7 @@ def _print_all(terminal: Terminal, run: StoredRun) -> None:
         recorded = record.sensor.recording
         published = [
             table
-            for table in published_for(protocol.spec, shipped_folder("published"))
+            for table in published_for(protocol.spec, shipped_folder("leaderboards/published"))
             if not table.sensor or (recorded is not None and recorded.sensor == table.sensor)
         ]
     print_run(terminal.out, record, run.folder / RECORD, published, axes)

@@ -10,9 +10,9 @@ from click.core import ParameterSource
 
 from tactibench.cli.options import (
     RUN,
+    OneOf,
     add_options,
     board_option,
-    folder_option,
     json_option,
     output_file,
     param_option,
@@ -21,6 +21,7 @@ from tactibench.cli.options import (
     store_option,
 )
 from tactibench.errors import UserError
+from tactibench.shipped import OWN_BOARD
 
 if TYPE_CHECKING:
     from tactibench import api
@@ -40,7 +41,7 @@ def plot() -> None:
 
 board_options = add_options(
     picture_option,
-    folder_option("--board", default="leaderboards", help_text="Folder of the leaderboards."),
+    board_option,
     click.option(
         "--store",
         type=click.Path(path_type=Path, file_okay=False, exists=True),
@@ -107,15 +108,23 @@ def stability(**options: Any) -> None:
     \b
     tactibench run stability --model superpose
     tactibench plot stability --out cases.png
-    tactibench plot stability --rows 'superpose (single)' --rows 'vgnn (single)' --out two.png
+    tactibench plot stability --rows superpose --rows vgnn --out two.png
     """
     _plot_runs("stability", **options)
 
 
-def _plot_runs(kind: str, *, out: Path | None, json_file: Path | None, **options: Any) -> None:
+def _plot_runs(
+    kind: str, *, board_folder: Path, out: Path | None, json_file: Path | None, **options: Any
+) -> None:
     from tactibench import api
+    from tactibench.cli.output import Terminal
 
-    _show(api.plot(kind, **options), out, json_file)
+    terminal = Terminal()
+    with terminal.task(f"read and rank for {kind}", 1) as advance:
+        made = api.plot(kind, board=board_folder, **options)
+        advance(1)
+    _show(made, out, json_file)
+    terminal.say_board(board_folder)
 
 
 def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
@@ -129,7 +138,7 @@ def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[f
 @plot.command(short_help="the Cramer-Rao bound over the workspace of a sensor")
 @click.option("--sensor", default="tactip-127", show_default=True, help="Preset.")
 @param_option("sensor.NAME=VALUE", "Set one.")
-@click.option("--scene", type=click.Choice(["single", "dual"]), default="single", show_default=True)
+@click.option("--scene", type=OneOf(["single", "dual"]), default="single", show_default=True)
 @click.option(
     "--depth",
     "depths",
@@ -219,20 +228,10 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> None:
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Write a site into this folder instead: an index and a page a protocol, to host as "
-    "static files. Every row has a link of its own. Without --from it shows the boards, or the "
-    "runs of --store where that is named.",
+    "static files. Every row has a link of its own.",
 )
 @store_option
 @board_option
-@click.option(
-    "--from",
-    "origin",
-    type=click.Choice(["auto", "runs", "board", "both"]),
-    default="auto",
-    show_default=True,
-    help="Stored runs, the committed records of the boards, or both; auto: the store's complete "
-    "runs, or the boards where it has none.",
-)
 @click.option(
     "--protocol",
     "protocols",
@@ -247,45 +246,54 @@ def report(
     site: Path | None,
     store: Path,
     board_folder: Path,
-    origin: str,
     protocols: tuple[str, ...],
 ) -> None:
     """Write the boards, or stored runs, as one HTML file that needs no network.
 
     It holds tables that sort and filter, speed against error, error against distance, and the worst
-    frames of stored runs.
+    frames of stored runs. What is named is shown: the runs of --store, the records of --board, or
+    both. With neither it shows the boards of a folder leaderboards; without one, the boards that
+    came with tactibench and the stored runs.
 
     \b
     tactibench report --out report.html
-    tactibench report --store runs --from both --protocol exp2
+    tactibench report --store runs --board leaderboards --protocol exp2
     tactibench report --site public
     """
     from tactibench.cli.output import Terminal
     from tactibench.records import atomic
-    from tactibench.report import AUTO, BOARD, BOTH, RUNS, gather, report_page, site_pages
+    from tactibench.report import gather, report_page, site_pages
 
-    named = ctx.get_parameter_source("store") is not ParameterSource.DEFAULT
-    if site is not None and ctx.get_parameter_source("out") is not ParameterSource.DEFAULT:
+    def named(option: str) -> bool:
+        return ctx.get_parameter_source(option) is not ParameterSource.DEFAULT
+
+    if site is not None and named("out"):
         raise UserError("--out names one file and --site a folder of pages; give one of them.")
-    if not store.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
+    with_board = named("board_folder") or not named("store")
+    own = named("board_folder") or board_folder == OWN_BOARD
+    with_runs = named("store") or (not own and store.is_dir())
+    if with_runs and not store.is_dir():
         raise UserError(f"there is no run store in {store}; name one with --store DIR.")
-    if site is not None and origin == AUTO:
-        origin = RUNS if named else BOARD
-    data = gather(store, board_folder, origin=origin, protocols=protocols)
     terminal = Terminal()
-    with terminal.task("report", len(data.boards) + 1) as advance:
+    with terminal.task("read the records", 1) as advance:
+        data = gather(
+            store if with_runs else None, board_folder if with_board else None, protocols=protocols
+        )
+        advance(1)
+    with terminal.task("tables and figures", 2 * len(data.boards)) as advance:
         if site is None:
-            pages = {out: report_page(data, advance=lambda _: advance(1))}
+            pages = {out: report_page(data, advance=advance)}
         else:
-            made = site_pages(data, advance=lambda _: advance(1))
-            pages = {site / name: text for name, text in made}
+            pages = {site / name: text for name, text in site_pages(data, advance=advance)}
     for path, text in pages.items():
         with atomic(path) as stream:
             stream.write(text.encode())
     size = sum(len(text.encode()) for text in pages.values())
     terminal.say(data.origin)
+    if with_board:
+        terminal.say_board(board_folder)
     count = "" if site is None else f"{len(pages)} pages, "
-    terminal.say(f"{next(iter(pages))}: {count}{size / 1e6:.1f} MB")
+    terminal.say(f"wrote {next(iter(pages))} ({count}{size / 1e6:.1f} MB): open it in a browser")
 
 
 @click.command()
@@ -305,6 +313,7 @@ def compare(names: tuple[str, ...], store: Path, json_file: Path | None) -> None
     from tactibench.cli.output import Terminal
     from tactibench.report import print_comparisons
 
-    compared = api.compare(*names, store=store)
-    print_comparisons(Terminal().out, compared.runs, compared.pairs)
+    terminal = Terminal()
+    compared = api.compare(*names, store=store, progress=terminal)
+    print_comparisons(terminal.out, compared.runs, compared.pairs)
     save_json(json_file, compared.rows)

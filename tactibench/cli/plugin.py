@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import echo, json_option, param_option, save_json
+from tactibench.cli.options import OneOf, echo, json_option, param_option, save_json
 from tactibench.errors import UserError, did_you_mean, is_full
-from tactibench.plugins import KINDS
+from tactibench.plugins import ANSWERS, KINDS
 
 if TYPE_CHECKING:
     from tactibench.plugins import PluginHost
@@ -27,7 +27,7 @@ EXAMPLES = {
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("kind", type=OneOf(KINDS))
 @click.argument("name")
 @click.option(
     "--out",
@@ -38,7 +38,7 @@ EXAMPLES = {
 @click.option(
     "--with",
     "library",
-    type=click.Choice(LIBRARIES),
+    type=OneOf(LIBRARIES),
     default=LIBRARIES[0],
     show_default=True,
     help="What a model is made with.",
@@ -70,9 +70,10 @@ def new(kind: str, name: str, out: Path, library: str, channels: bool) -> None:
 
 @click.command()
 @click.argument("name")
-@click.option("--kind", type=click.Choice(KINDS), help="Where several kinds have that name.")
+@click.option("--kind", type=OneOf(KINDS), help="Where several kinds have that name.")
 @click.option("--sensor", default="", help="Presses the frames of a model; default: tactip-127.")
 @click.option("--encoder", default="", help="What a model is trained through.")
+@click.option("--answer", type=OneOf(ANSWERS), help="What a model is asked for.")
 @click.option(
     "--data",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
@@ -138,6 +139,9 @@ def _kinds_of(name: str, host: PluginHost) -> list[str]:
     """Return the kinds that have something of that name. Raises UserError for none."""
     kinds = [catalogue.kind for catalogue in host.catalogues if name in catalogue]
     if not kinds:
+        folder = Path(f"tactibench-{name}")
+        if folder.is_dir():
+            raise UserError(f"{name!r} is not installed yet; run `pip install -e ./{folder}`.")
         known = {spec.name for catalogue in host.catalogues for spec in catalogue}
         broken = "; `tactibench doctor` names plugins that do not load" if host.problems else ""
         raise UserError(

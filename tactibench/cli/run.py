@@ -18,6 +18,7 @@ from tactibench.cli.options import (
     output_file,
     request_of,
     request_options,
+    runner_option,
     save_json,
     store_option,
 )
@@ -25,15 +26,22 @@ from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
-    from tactibench.run import RunPlan, TrainedWeights
+    from tactibench.run import RunPlan
 
 
 @click.command()
 @click.argument("protocol", type=PROTOCOL)
 @click.option(
-    "--model", type=MODEL, required=True, help="Model to score; mean and nearest are baselines."
+    "--model",
+    "models",
+    type=MODEL,
+    required=True,
+    help="Model to score, or several with commas between them; mean and nearest are baselines.",
 )
-@request_options(encoder="Heatmap encoder, for models that use one.", seed="Of training.")
+@request_options(
+    encoder="Heatmap encoder, for models that use one.",
+    seeds="Of training; with several, the models are ranked among each other.",
+)
 @click.option(
     "--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: only proves the path."
 )
@@ -63,6 +71,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="Released answers to the test frames; default: looked for beside --data.",
 )
+@runner_option
 @json_option
 @store_option
 @board_option
@@ -74,7 +83,8 @@ if TYPE_CHECKING:
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 def run(
     protocol: str,
-    model: str,
+    models: str,
+    seeds: tuple[int, ...],
     json_file: Path | None,
     store: Path,
     board_folder: Path,
@@ -88,32 +98,46 @@ def run(
 
     Prints about ten lines: errors, misses, speed, and the place on the board; --full prints all.
     Frames and weights are cached and shared; an interrupted run continues by the same command.
+    Several models and seeds are run one after the other: --model cnn,unet --seeds 0,1,2.
     """
     from tactibench import api
     from tactibench.cli.output import Terminal, show_run
-    from tactibench.run import execute, train_model
+    from tactibench.report import print_ranked
+    from tactibench.run import execute
 
-    terminal = Terminal()
-    plan = api.plan(protocol, model, store=store, **options)
-    if train_only and not dry_run:
-        _, trained = train_model(plan, terminal, fresh=fresh)
-        _show_training(plan, trained, terminal, json_file)
-        return
-    if dry_run or not terminal.quiet:
-        for line in plan.lines(fresh=fresh):
-            terminal.say(line)
-    if dry_run:
-        return
-    finished = execute(plan, terminal, fresh=fresh)
-    show_run(terminal, finished, board_folder, full=full)
-    save_json(json_file, finished.record.json_values())
+    terminal, names = Terminal(), dict.fromkeys(name.strip() for name in models.split(","))
+    plans = [
+        api.plan(protocol, name, seed=seed, store=store, **options)
+        for name in names
+        for seed in seeds
+    ]
+    values, finished = [], []
+    for plan in plans:
+        if train_only and not dry_run:
+            values.append(_train(plan, terminal, fresh=fresh))
+            continue
+        if dry_run or not terminal.quiet:
+            for line in plan.lines(fresh=fresh):
+                terminal.say(line)
+        if not dry_run:
+            run = execute(plan, terminal, fresh=fresh)
+            show_run(terminal, run, board_folder, full=full)
+            finished.append(run)
+            values.append(run.record.json_values())
+    if len(finished) > 1:
+        print_ranked(terminal.out, finished)
+    if values:
+        save_json(json_file, values if len(plans) > 1 else values[0])
 
 
-def _show_training(
-    plan: RunPlan, trained: TrainedWeights, terminal: Terminal, json_file: Path | None
-) -> None:
-    """Say how a model was trained, and where its weights are."""
+def _train(plan: RunPlan, terminal: Terminal, *, fresh: bool) -> dict[str, Any]:
+    """Train a model, say how and where its weights are, and return these facts."""
     from tactibench.report import duration
+    from tactibench.run import train_model
+
+    _, trained = train_model(plan, terminal, fresh=fresh)
+    for fold in plan.frames.folds:
+        train_model(plan.of_fold(fold), terminal)
 
     how = "found in the cache, trained" if trained.reused else "trained"
     model, regime = plan.components.model.label, plan.components.regime
@@ -125,7 +149,7 @@ def _show_training(
     terminal.say(f"weights {trained.hash[:8]} in {trained.folder}")
     facts = {"model": model, "regime": regime, "seed": seed, "weights": trained.hash}
     cost = {"training_s": report["seconds"], "epochs": report["epochs"]}
-    save_json(json_file, {**facts, "reused": trained.reused, **cost})
+    return {**facts, "reused": trained.reused, **cost}
 
 
 @click.command()

@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from tactibench.datasets.dataset import Dataset, Image
-from tactibench.datasets.files import SUBSETS, write_row
-from tactibench.datasets.schema import HEADER, Sample
+from tactibench.datasets.schema import HEADER, SUBSETS, Dataset, Image, Sample, write_row
 from tactibench.datasets.writer import new_folder
 from tactibench.errors import UserError, did_you_mean
 from tactibench.png import ImageKind, encode_png
@@ -78,8 +76,7 @@ def export_dataset(
         import pyarrow.parquet as pq
     except ImportError:
         raise UserError(
-            "Parquet files are written by pyarrow, which is not installed; "
-            "run `pip install 'tactibench[hf]'`."
+            "Parquet files need pyarrow, which is not installed; run pip install 'tactibench[hf]'."
         ) from None
     subsets = select_samples(dataset, split)
     samples = [sample for group in subsets.values() for sample in group]
@@ -164,9 +161,7 @@ def _schema(rows: Sequence[dict[str, Any]], *, images: bool) -> pa.Schema:
         "contacts_depth_mm": pa.list_(pa.float64()),
         "contacts_force_n": pa.list_(pa.list_(pa.float64())),
     }
-    types = {
-        name: contacts.get(name) or pa.array([row.get(name) for row in rows]).type for name in names
-    }
+    types = {n: contacts.get(n) or pa.array([row.get(n) for row in rows]).type for n in names}
     fields = [signal, *(pa.field(name, kind) for name, kind in types.items())]
     features = {
         field.name: {"_type": "Image"} if field.name == "image" else _feature(field.type)

@@ -30,25 +30,20 @@ import pandas as pd
 from tactibench.contacts import Pose, Scene
 from tactibench.datasets.labels import (
     ALIAS,
+    AUTO,
     CONTACT_COLUMNS,
-    choose_indenter,
+    FRAME_FOLDERS,
+    NONE,
+    REFUSE,
+    SINGLE,
+    ImportOptions,
+    Labels,
     normal_forces,
     role_columns,
     scenes_of,
     shear_columns,
     signed_column,
     tip_columns,
-)
-from tactibench.datasets.options import (
-    AUTO,
-    DEG_PER,
-    FRAME_FOLDERS,
-    MM_PER,
-    NONE,
-    REFUSE,
-    SINGLE,
-    ImportOptions,
-    stated_unit,
 )
 from tactibench.datasets.pictures import (
     PICTURES,
@@ -61,8 +56,9 @@ from tactibench.datasets.pictures import (
 from tactibench.datasets.recording import FloatArray, Recording, prepare_frames
 from tactibench.datasets.schema import Forces, is_dataset
 from tactibench.datasets.tables import Table, is_table, read_table, shown
-from tactibench.errors import UserError
-from tactibench.png import ImageKind, read_file
+from tactibench.errors import UserError, read_file
+from tactibench.geometry import tip_positions
+from tactibench.png import ImageKind
 from tactibench.records import read_json
 
 TARGETS = ("targets.csv", "targets_images.csv")
@@ -80,6 +76,12 @@ _LONGEST_PLACE = 0.1
 """Extent of rows that are one place; a path of close rows is longer."""
 _NOWHERE = 1e6
 """Place of the first row that touches nothing, mm; every other one is as much farther away."""
+GATHERED = 0.4
+"""Largest ``spacing_in_groups`` of rows that nothing but their places makes one press."""
+_FOLLOWS = 0.2
+"""The same of each row and the next from which they may be of one slide."""
+_FEWEST_RUNS = 10
+"""Runs of rows from which they are taken for presses."""
 _FEWEST_PLACES = 5
 """Places from which rows are divided by place: of fewer, none would be left to test on."""
 _FROZEN = 5
@@ -113,9 +115,7 @@ def recording_folder(folder: Path) -> Path:
 def find_tables(folder: Path) -> list[Path]:
     """Return the tables of a folder; where it has none, those of the folders directly in it."""
     here = sorted(filter(is_table, folder.iterdir()))
-    below = (
-        path for place in sorted(folder.iterdir()) if place.is_dir() for path in place.iterdir()
-    )
+    below = (path for p in sorted(folder.iterdir()) if p.is_dir() for path in p.iterdir())
     return here or sorted(filter(is_table, below))
 
 
@@ -134,11 +134,18 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
-def frame_places(folder: Path) -> tuple[Path, ...]:
-    """Return a folder and those in it, the usual folders of frames first."""
-    below = sorted(
-        path for path in folder.iterdir() if path.is_dir() and not path.name.startswith((".", "__"))
-    )
+def frame_places(folder: Path, named: str = AUTO) -> tuple[Path, ...]:
+    """Return the folders in which frames are looked for: all, the usual ones first, or the named.
+
+    Raises:
+        UserError: The named one is no folder.
+    """
+    if named != AUTO:
+        if not (folder / named).is_dir():
+            raise UserError(f"{folder / named} is no folder; name another with --param frames.")
+        return (folder / named,)
+    hidden = (".", "__")
+    below = sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(hidden))
     usual = [folder / name for name in FRAME_FOLDERS if folder / name in below]
     return (folder, *usual, *(path for path in below if path not in usual))
 
@@ -150,18 +157,20 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
         UserError: The table, a frame, a label or a column is missing or wrong; the sentence names
             it.
     """
-    path = _table_path(folder, options.table)
+    path = table_path(folder, options.table)
     data = read_file(path)
     table = read_table(path, data)
     if (video := find_video(folder)) is not None:
         frames, bristol, column = video_frames(video), False, options.column
-        names = _video_names(table, column, frames)
+        names = video_names(table, column, frames)
         places: tuple[Path, ...] = (frames,)
     else:
         column = table.column(options.column) if options.column else table.column(*NAMES)
         bristol = path.name in TARGETS and column in NAME_COLUMNS
         names = frame_names(path, map(str, table.cells[column]))
-        places = _places(folder, options, bristol=bristol)
+        places = frame_places(folder, options.frames)
+        if bristol and options.frames == AUTO:  # raw pictures beside its own are no frames
+            places = (*[p for p in places if p.name in FRAME_FOLDERS][:1], folder)
     files, frames = _find_frames(path, folder, names, places, options)
     rows = [row for row, file in enumerate(files) if file is not None]
     paths = tuple(file for file in files if file is not None)
@@ -179,10 +188,8 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
     there = [name for name in CONTACT_COLUMNS if name in table.columns]
     lacking = [name for name in CONTACT_COLUMNS if name not in facts["labels"]]
     if there and lacking and options.indenter == AUTO:
-        notes.append(
-            f"{path.name} has {', '.join(there)}, but its labels are no contacts: "
-            f"{', '.join(lacking)} is missing or holds no numbers."
-        )
+        missing = f"{', '.join(lacking)} is missing or holds no numbers"
+        notes.append(f"{path.name} has {', '.join(there)}, but no contacts: {missing}.")
     if left_out := len(names) - len(rows):
         notes.append(f"rows of {path.name} left out, no file: {left_out:,}.")
     recording = Recording(
@@ -203,23 +210,32 @@ def read_frames(folder: Path, options: ImportOptions) -> Recording:
     return prepare_frames(recording, options.light)
 
 
-def _table_path(folder: Path, name: str) -> Path:
+def table_path(folder: Path, name: str, channels: Path | None = None) -> Path:
+    """Return the table of the labels.
+
+    Args:
+        folder: The recording.
+        name: Its name, where it is known.
+        channels: File of the channels, which holds the labels, too, where no other table is there.
+
+    Raises:
+        UserError: There is no table, or there are several of which none is named.
+    """
     if name:
         return inside(folder, name)
-    if targets := find_targets(folder):
+    if channels is None and (targets := find_targets(folder)):
         return targets
-    paths = find_tables(folder)
+    paths = [p for p in find_tables(folder) if p != channels] or [*filter(None, [channels])]
     if not paths:
         raise UserError(
-            f"{folder} holds no {TARGETS[0]}, no dataset.json and no other table; name a folder "
-            "of recorded frames."
+            f"{folder} holds no dataset.json, {TARGETS[0]} or other table; put a CSV file with a "
+            "row a frame there and `tactibench data import` it, or name another folder."
         )
     if len(paths) > 1:
         names = shown([path.relative_to(folder).as_posix() for path in paths])
         raise UserError(
-            f"{folder} holds several tables ({names}); make a data set of them with `tactibench "
-            f"data import {folder} NEW --param table=FILE --guess` (channels: --param "
-            "channels=FILE, too)."
+            f"{folder} holds several tables ({names}); name those of labels and channels with "
+            "--param table=FILE --param channels=FILE, or try `tactibench data import --guess`."
         )
     return paths[0]
 
@@ -249,32 +265,12 @@ def frame_names(path: Path, cells: Iterable[str]) -> tuple[str, ...]:
     """Return the names of frames with '/' as separator, in the order of the table.
 
     Raises:
-        UserError: A name is empty, or is listed twice.
+        UserError: A name is empty.
     """
-    row_of: dict[str, int] = {}
-    for row, cell in enumerate(cells, start=1):
-        if not (name := frame_name(cell)):
-            raise UserError(f"{path} row {row} names no frame; every row needs a file name.")
-        if (first := row_of.setdefault(name, row)) != row:
-            raise UserError(
-                f"{path} rows {first} and {row} both name the frame {name}; a frame may be listed "
-                "once."
-            )
-    return tuple(row_of)
-
-
-def _places(folder: Path, options: ImportOptions, *, bristol: bool) -> tuple[Path, ...]:
-    """Return the folders in which frames are looked for, in order."""
-    if options.frames != AUTO:
-        if not (folder / options.frames).is_dir():
-            raise UserError(
-                f"{folder / options.frames} is no folder; name that of frames with --param frames."
-            )
-        return (folder / options.frames,)
-    if bristol:  # older tables name frames from the folder above theirs
-        usual = (folder / name for name in FRAME_FOLDERS if (folder / name).is_dir())
-        return (next(usual, folder), folder)
-    return frame_places(folder)
+    names = tuple(map(frame_name, cells))
+    if "" in names:
+        raise UserError(f"{path} row {names.index('') + 1} names no frame; each needs a file name.")
+    return names
 
 
 def _find_frames(
@@ -288,30 +284,25 @@ def _find_frames(
     absent = [name for name, hits in zip(names, found, strict=True) if not hits]
     if absent and (options.missing == REFUSE or len(absent) == len(names)):
         more = f" (and {len(absent) - 1:,} more)" if len(absent) > 1 else ""
-        raise UserError(
-            f"{table} names the frame {absent[0]}{more}, which is not in {places[0]}; add the "
-            "files or remove their rows."
-        )
+        where = shown([str(places[0]), *(p.name for p in places[1:])], 4)
+        what = f"the frame {absent[0]}{more}, which is not in {where}"
+        raise UserError(f"{table} names {what}; add it or drop its row.")
     files = [next(iter(hits.values()), None) for hits in found]
     usual = {folder, *(folder / name for name in FRAME_FOLDERS)}
-    used = dict.fromkeys(
-        place for hits in found for place in ([*hits][:1] if usual & {*hits} else hits)
-    )
+    used = dict.fromkeys(p for hits in found for p in ([*hits][:1] if usual & {*hits} else hits))
     present = [name for name, hits in zip(names, found, strict=True) if hits]
     sides = {part.lower() for name in present for part in PurePosixPath(name).parts[:-1]}
     if len(used) > 1 or {"left", "right"} <= sides:
         where = ", ".join(place.name for place in used) if len(used) > 1 else "left, right"
         raise UserError(
-            f"{table} names frames that are in {where}, maybe of different sensors; say which "
-            "with --param frames=FOLDER (--param missing=skip leaves out rows without a frame)."
+            f"{table} names frames that are in {where}, maybe of different sensors; say which with "
+            "--param frames=FOLDER (and missing=skip for rows without a frame)."
         )
     listed: dict[Path, int] = {}
     for row, file in enumerate(files, start=1):
         if file is not None and (first := listed.setdefault(file, row)) != row:
-            raise UserError(
-                f"{table} rows {first} and {row} both name the frame {file.name}; a frame may be "
-                "listed once."
-            )
+            same = f"rows {first} and {row} both name the frame {file.name}"
+            raise UserError(f"{table} {same}; remove one.")
     return files, next(iter(used))
 
 
@@ -343,7 +334,7 @@ def find_video(folder: Path) -> Path | None:
     return videos[0] if len(videos) == 1 and not any(map(is_picture, folder.rglob("*"))) else None
 
 
-def _video_names(table: Table, column: str, frames: Path) -> tuple[str, ...]:
+def video_names(table: Table, column: str, frames: Path) -> tuple[str, ...]:
     """Return the files of a video's frames, which the rows name by numbers from 0 or 1."""
     count = sum(is_picture(path) for path in frames.iterdir())
     numbers = np.arange(len(table), dtype=np.float64)
@@ -364,9 +355,8 @@ def _find_rest(folder: Path, listed: set[Path], *, lettered: bool) -> Path | Non
     Newer Bristol recordings count frames from 1, and image_0 shows the sensor at rest.
     """
     paths = sorted(path for path in folder.iterdir() if is_picture(path) and path not in listed)
-    named = [path for path in paths if is_rest_name(path)]
     first = [path for path in paths if lettered and path.name == "image_0.png"]
-    return next(iter([*named, *first]), None)
+    return next(iter([*filter(is_rest_name, paths), *first]), None)
 
 
 def refuse_frozen(
@@ -432,24 +422,21 @@ def read_labels(
         no_labels = {name, options.press, options.join, *others, *flags}
         may_be = (column for column in table.columns if column not in no_labels)
         columns = [column for column in may_be if table.numeric_share(column) >= _MOSTLY_NUMBERS]
-    indenter = choose_indenter(options, columns)
+    indenter = options.indenter
+    if indenter == AUTO:
+        indenter = SINGLE if {*CONTACT_COLUMNS} <= {*columns} else NONE
     needed, empty = tip_columns(options, indenter)  # read even where cells are no numbers
     columns = tuple(dict.fromkeys([*columns, *(c for c in table.columns if c in needed)]))
     places = needed & {*table.columns} if indenter == SINGLE else set()
     resting = table.blank(places)
-    labels = {
-        column: table.numbers(
-            column, allow_empty=column in empty or (column in places and bool(resting.any()))
-        )
-        for column in columns
-    }
+    empty |= places if resting.any() else set()
+    labels = {column: table.numbers(column, allow_empty=column in empty) for column in columns}
     for column in places:
         if np.isnan(labels[column][~resting]).any():
             table.numbers(column)
     roles = role_columns(options, indenter, labels, table.path)
-    in_units = {column: _factor(column, options) * values for column, values in labels.items()}
-    in_units |= {column: np.where(resting, 0.0, in_units[column]) for column in places}
-    scenes = scenes_of(in_units, roles, options, indenter, table.path)
+    at_rest = {column: np.where(resting, 0.0, labels[column]) for column in places}
+    scenes = scenes_of(labels | at_rest, roles, options, indenter, table.path)
     if scenes is not None and resting.any():
         touching = zip(scenes, resting, strict=True)
         scenes = tuple(replace(s, pose=Pose(depth=0.0)) if rests else s for s, rests in touching)
@@ -479,17 +466,7 @@ def read_labels(
     }
 
 
-def _factor(column: str, options: ImportOptions) -> float:
-    """Return the factor from the unit that a column's name states to that of the options."""
-    stated = stated_unit(column)
-    if stated in MM_PER:
-        return MM_PER[stated] / MM_PER[options.unit]
-    return DEG_PER[stated] / DEG_PER[options.angles] if stated in DEG_PER else 1.0
-
-
-def place_keys(
-    scenes: Sequence[Scene] | None, labels: Mapping[str, FloatArray]
-) -> FloatArray | None:
+def place_keys(scenes: Sequence[Scene] | None, labels: Labels) -> FloatArray | None:
     """Return (N, K) numbers that rows of one place share; None where no place is known.
 
     A place is where tips are, at whatever depth, and the whole pose of a plate or of a robot. Rows
@@ -499,12 +476,14 @@ def place_keys(
     if scenes is None:
         poses = [values for name, values in labels.items() if name in ALIAS]
         return np.column_stack([*poses, *dragged]) if len(poses) > 1 else None
-    keys = np.zeros((len(scenes), 6))
+    tips = max(len(scene.indenter.offsets) for scene in scenes)
+    keys = np.full((len(scenes), 3 + 2 * tips), -_NOWHERE)
     for row, scene in enumerate(scenes):
-        pose, offsets = scene.pose, np.array(scene.indenter.offsets)
-        depth = pose.depth if scene.indenter.is_plate else 0.0
-        keys[row] = pose.x, pose.y, pose.yaw, pose.tilt, depth, np.abs(offsets).sum()
-        if pose.depth <= 0 and not scene.indenter.is_plate:
+        pose, plate = scene.pose, scene.indenter.is_plate
+        keys[row, :3] = pose.tilt, pose.yaw if plate else 0.0, pose.depth if plate else 0.0
+        places = tip_positions(scene)[:, :2].ravel()
+        keys[row, 3 : 3 + len(places)] = places
+        if pose.depth <= 0 and not plate:
             keys[row, 0] = _NOWHERE * (1 + row)
     return np.column_stack([keys, *dragged])
 
@@ -537,21 +516,69 @@ def read_presses(
         ]
         groups.append(same_places(np.column_stack(numbers)))
     if places is not None:
-        place = same_places(places)
-        reach = pd.DataFrame(places).groupby(place)
-        if float((reach.max() - reach.min()).to_numpy().max()) > _LONGEST_PLACE:
+        place, touching = same_places(places), places[:, 0] < _NOWHERE
+        if _extent(places, place) > _LONGEST_PLACE:
             # Rows on a path have neighbours all along it: only equal ones are one place.
             place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
-        count = len(np.unique(place[places[:, 0] < _NOWHERE]))
-        if _FEWEST_PLACES <= count < len(place):
+        count, half = len(np.unique(place[touching])), touching.sum() / 2
+        if count > half:  # a robot may come back less exactly, if it came back at all
+            near = same_places(places, _LONGEST_PLACE)
+            fewer = len(np.unique(near[touching]))
+            if _FEWEST_PLACES <= fewer <= half and _extent(places, near) <= 2 * _LONGEST_PLACE:
+                place, count = near, fewer
+        if _FEWEST_PLACES <= count < touching.sum():
             groups.append(place)
             note = f"{count:,} places: rows at one place are one press, which trains or tests."
-        elif count < min(_FEWEST_PLACES, len(place)):
+        elif count < min(_FEWEST_PLACES, touching.sum()):
             note = f"only {count:,} places: rows at one place train and test."
+        where = np.where(touching[:, None], places[:, 3:], np.nan)
+        run = np.cumsum(~touching | np.append(True, ~touching[:-1]))  # from lift to lift
+        lifts = np.sum(np.bincount(run) > 1) >= _FEWEST_RUNS
+        if lifts and spacing_in_groups(where, run) <= GATHERED:
+            groups.append(run)
+            note = "rows between two that touch nothing are near each other: one press."
+        elif not (note or groups) and spacing_in_groups(where, np.arange(len(run)) // 2) < _FOLLOWS:
+            note = (
+                "rows are near the rows before them: if a tip slid, name the column that numbers "
+                "the slides with --param press=COLUMN, or frames of one slide train and test."
+            )
     first: dict[int, str] = {}
     group = _linked(groups) if groups else np.arange(len(names))
     presses = (first.setdefault(at, name) for at, name in zip(group.tolist(), names, strict=True))
     return tuple(presses), (note,) if note else ()
+
+
+def spacing_in_groups(places: FloatArray, group: npt.NDArray[np.intp]) -> float:
+    """Return how far rows of one group are apart, as a share of what any two rows are: 1 by chance.
+
+    NaN where places never change, or no group has two rows.
+
+    The axis along which they are farthest counts, and the mean over rows or over groups, whichever
+    is larger: neither a few long presses nor many short ones decide alone. Distances are in the
+    order of the places, so that a parking place is next to the sensor.
+
+    Args:
+        places: (N, K) coordinates of all tips, NaN where none is touched.
+        group: (N,) groups.
+    """
+
+    def gaps(ranks: npt.NDArray[Any], of: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
+        order = np.lexsort((ranks, of))
+        count = np.bincount(of)
+        at = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
+        sums = np.bincount(of[order], (2 * at + 1 - np.repeat(count, count)) * ranks[order])
+        several = count > 1
+        return 2 * sums[several] / (count * (count - 1))[several], count[several]
+
+    shares = []
+    for values in places.T:
+        known = np.isfinite(values)
+        ranks = pd.Series(values[known]).rank().to_numpy()
+        within, count = gaps(ranks, np.unique(group[known], return_inverse=True)[1])
+        any_two = gaps(ranks, np.zeros(len(ranks), dtype=np.intp))[0]
+        if len(within) and any_two[0] > 0:
+            shares.append(max(within.mean(), np.average(within, weights=count)) / any_two[0])
+    return float(max(shares, default=np.nan))
 
 
 def _linked(groups: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
@@ -563,12 +590,18 @@ def _linked(groups: Sequence[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
     return _components(len(groups[0]), np.concatenate(links))
 
 
-def same_places(points: FloatArray) -> npt.NDArray[np.int64]:
+def _extent(places: FloatArray, place: npt.NDArray[np.int64]) -> float:
+    """Return the largest extent of the (N, K) rows of one place."""
+    rows = pd.DataFrame(places).groupby(place)
+    return float((rows.max() - rows.min()).to_numpy().max())
+
+
+def same_places(points: FloatArray, apart: float = _SAME_PLACE) -> npt.NDArray[np.int64]:
     """Return the (N,) groups of (N, K) points that are one place along every axis."""
     from scipy.spatial import cKDTree
 
     places, place_of = np.unique(points, axis=0, return_inverse=True)
-    close = cKDTree(places).query_pairs(_SAME_PLACE, p=np.inf, output_type="ndarray")
+    close = cKDTree(places).query_pairs(apart, p=np.inf, output_type="ndarray")
     return _components(len(places), close)[place_of.ravel()]
 
 
@@ -607,11 +640,8 @@ def check_frames(
         first = first or kind
         depths.add(bits)
         if kind != first or (0 in depths and len(depths) > 1):
-            what = f"{kind} of 16 bits a pixel" if bits else f"{kind}"
-            raise UserError(
-                f"{path} is {what}, but {paths[0].name} is {first}; "
-                "all frames of a recording, the rest frame included, must be alike."
-            )
+            what = f"{kind}{' of 16 bits a pixel' if bits else ''}, but {paths[0].name} is {first}"
+            raise UserError(f"{path} is {what}; all frames and the rest frame must be alike.")
         # The length keeps two files from passing for one.
         digest.update(len(data).to_bytes(8, "little"))
         digest.update(data)

@@ -18,8 +18,17 @@ import numpy as np
 from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError
 
 from tactibench.contacts import Scene, Signal
-from tactibench.datasets.files import SceneKeys, plan_hash, plan_lines, read_plan, scene_keys
-from tactibench.datasets.schema import Draft, Header, is_dataset, read_header
+from tactibench.datasets.schema import (
+    Draft,
+    Header,
+    SceneKeys,
+    is_dataset,
+    plan_hash,
+    plan_lines,
+    read_header,
+    read_plan,
+    scene_keys,
+)
 from tactibench.datasets.writer import Writer
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM
@@ -44,6 +53,8 @@ from tactibench.records import code_hash, digest, installed_versions
 
 DEFAULT_SENSOR = "tactip-127"
 """Sensor of a request that names neither a sensor nor a protocol."""
+PLAN_SUFFIX = ".jsonl"
+"""End of the name of a plan's file; everything else is a protocol."""
 GROUP = 50
 """Samples that are acknowledged together."""
 
@@ -125,6 +136,28 @@ class _Row(SceneKeys):
 _ROW_FILE = TypeAdapter(_Row)
 
 
+def plan_presses(
+    what: str, sensor: SensorShape, *, seed: int | None = None, count: int | None = None
+) -> PressPlan:
+    """Return all presses of a protocol or of a plan.jsonl.
+
+    Args:
+        what: Name or file of a protocol, or a file that ends in .jsonl.
+        sensor: The sensor whose surface is pressed.
+        seed: Seed with which other presses than the protocol's are drawn; None for the protocol's.
+        count: Most presses of each set; None takes all.
+
+    Raises:
+        UserError: There is no such protocol or file, or the sensor cannot be pressed in this way.
+    """
+    if what.endswith(PLAN_SUFFIX):
+        return plan_of_file(Path(what), seed or 0, count)
+    protocol = load_protocol(what).spec
+    if seed is not None:
+        protocol = protocol.model_copy(update={"data_seed": seed})
+    return plan_of_protocol(protocol, sensor, count)
+
+
 def plan_of_file(path: Path, seed: int, count: int | None = None) -> PressPlan:
     """Return the presses of a plan.jsonl.
 
@@ -137,7 +170,7 @@ def plan_of_file(path: Path, seed: int, count: int | None = None) -> PressPlan:
         UserError: The file is missing or empty, or a line is wrong; the sentence names it.
     """
     if not path.is_file():
-        raise UserError(f"--plan {path} is no file; name a file of lines as in plan.jsonl.")
+        raise UserError(f"{path} is no file; name a file of lines as in plan.jsonl.")
     presses = []
     for number, row in enumerate(read_plan(path), start=1):
         where = f"{path} line {number}"
@@ -150,7 +183,7 @@ def plan_of_file(path: Path, seed: int, count: int | None = None) -> PressPlan:
             raise UserError(f"{where}: the key 'indenter' is missing; add it.")
         presses.append(Press(planned.id, planned.press or str(planned.id), scene, planned.draw))
     if not presses:
-        raise UserError(f"--plan {path} is empty; it needs a line for every press.")
+        raise UserError(f"{path} is empty; it needs a line for every press.")
     return PressPlan((PressSeries(tuple(presses[:count]), (seed,)),), {})
 
 
@@ -174,7 +207,7 @@ def plan_of_protocol(
     if split is None:
         raise UserError(
             f"protocol {protocol.id!r} takes the presses of a recorded folder and draws none; name "
-            "another protocol, or the presses with --plan FILE."
+            "another protocol, or a file of presses, such as plan.jsonl."
         )
     if protocol.families:
         raise UserError(
@@ -221,9 +254,7 @@ def _splits(
     protocol: Protocol, split: Split, ids: Mapping[tuple[str, int], list[int]]
 ) -> dict[str, dict[str, list[int]]]:
     """Return one split per regime: the ids that train and validate in it, and those of the test."""
-    test = [
-        ids.get((name, TEST), []) + ids.get((name, WHOLE), []) for name in protocol.tested_draws
-    ]
+    test = [ids.get((n, TEST), []) + ids.get((n, WHOLE), []) for n in protocol.tested_draws]
     return {
         f"{protocol.id}-{regime}": {
             "train": [
@@ -281,70 +312,40 @@ def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource
     return SensorSource(build, identity, radius)
 
 
-@dataclass(frozen=True)
-class GenerationRequest:
-    """The options of ``tactibench data generate``.
+def resolve_presses(
+    what: str,
+    sensor: str | None,
+    parameters: Mapping[str, str],
+    count: int | None = None,
+    seed: int | None = None,
+) -> tuple[PressPlan, SensorSource]:
+    """Return the presses of ``tactibench data generate``, and the sensor that makes them.
 
-    Attributes:
-        protocol: Name or file of a protocol; None with a plan.
-        plan: File of a plan; None with a protocol.
+    Args:
+        what: Name or file of a protocol, or a plan: a file that ends in .jsonl.
         sensor: Name of the sensor; None takes the protocol's.
         parameters: Name and value of the sensor's parameters.
         count: Most presses of each set.
         seed: Seed of other presses than the protocol's, and of the sensor's randomness.
+
+    Raises:
+        UserError: A name is unknown, something cannot be read or pressed, or the sensor reads
+            recordings.
     """
-
-    protocol: str | None = None
-    plan: Path | None = None
-    sensor: str | None = None
-    parameters: tuple[tuple[str, str], ...] = ()
-    count: int | None = None
-    seed: int | None = None
-
-    def resolve(self) -> tuple[PressPlan, SensorSource]:
-        """Return the presses, and the sensor that makes them.
-
-        Raises:
-            UserError: A name is unknown, protocol and plan are both given or both missing, or one
-                of them cannot be read or pressed.
-        """
-        if (self.protocol is None) == (self.plan is None):
-            raise UserError(
-                "name what is to be pressed: either a protocol, such as exp1, or --plan FILE."
-            )
-        request: dict[str, Any] = {"importer": "tactibench data generate", "count": self.count}
-        source = self.source()
-        if self.plan is not None:
-            plan = plan_of_file(self.plan, self.seed or 0, self.count)
-            request |= {"plan": self.plan.name, "seed": self.seed or 0}
-            return plan, replace(source, request=request)
-        assert self.protocol is not None, "checked above"  # noqa: S101
-        loaded = load_protocol(self.protocol)
-        protocol = loaded.spec
-        if self.seed is not None:
-            protocol = protocol.model_copy(update={"data_seed": self.seed})
-        sensor = source.build(_context((0,)))
-        plan = plan_of_protocol(protocol, sensor, self.count)
-        request |= {"protocol": loaded.label, "sha256": loaded.hash, "seed": protocol.data_seed}
-        return plan, replace(source, request=request)
-
-    def source(self) -> SensorSource:
-        """Return the sensor that presses.
-
-        Raises:
-            UserError: The sensor or a parameter is unknown, or the sensor reads recordings.
-        """
-        name = self.sensor
-        if name is None and self.protocol is not None:
-            name = load_protocol(self.protocol).spec.defaults.sensor
-        name = name or DEFAULT_SENSOR
-        spec = PluginHost().sensors[name]
-        if spec.needs_data:
-            raise UserError(
-                f"sensor {name!r} presses nothing, it reads what was recorded; take "
-                "`tactibench data import`."
-            )
-        return sensor_source(spec, spec.settings(dict(self.parameters)))
+    facts: dict[str, Any] = {"plan": Path(what).name, "seed": seed or 0}
+    name = sensor or DEFAULT_SENSOR
+    if not what.endswith(PLAN_SUFFIX):
+        loaded = load_protocol(what)
+        drawn = loaded.spec.data_seed if seed is None else seed
+        facts = {"protocol": loaded.label, "sha256": loaded.hash, "seed": drawn}
+        name = sensor or loaded.spec.defaults.sensor
+    spec = PluginHost().sensors[name]
+    if spec.needs_data:
+        raise UserError(f"sensor {name!r} reads what was recorded; take `tactibench data import`.")
+    source = sensor_source(spec, spec.settings(parameters))
+    plan = plan_presses(what, source.build(_context((0,))), seed=seed, count=count)
+    request = {"importer": "tactibench data generate", "count": count, **facts}
+    return plan, replace(source, request=request)
 
 
 def is_complete(folder: Path, source: SensorSource, plan: PressPlan) -> bool:
@@ -360,12 +361,7 @@ def is_complete(folder: Path, source: SensorSource, plan: PressPlan) -> bool:
     )
 
 
-def generate(
-    folder: Path,
-    source: SensorSource,
-    plan: PressPlan,
-    advance: Advance,
-) -> None:
+def generate(folder: Path, source: SensorSource, plan: PressPlan, advance: Advance) -> None:
     """Write the frames of all presses into a data set and close it; an open one is continued.
 
     A chunk of presses that was begun is pressed again from its start, so that its frames are the

@@ -1,4 +1,4 @@
-"""Labels of a robot turned into contacts: the meaning of columns, and the scenes they describe.
+"""Labels of a robot turned into contacts: units, the options of an import, and the scenes.
 
 A plate has a depth and a tilt; spherical tips are one, a pair, a triangle, or a list of contacts.
 """
@@ -7,30 +7,195 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Indenter, Pose, Scene, Workspace
-from tactibench.datasets.options import (
-    AUTO,
-    DUAL,
-    MM_PER,
-    NONE,
-    PLATE,
-    SINGLE,
-    TIPS,
-    TRIPLE,
-    ImportOptions,
-)
 from tactibench.datasets.schema import Forces
-from tactibench.errors import UserError
+from tactibench.errors import UserError, did_you_mean
 from tactibench.geometry import DOME_RADIUS_MM, scene_of_contacts, tip_depths, tip_positions
+from tactibench.plugins import Parameter
 
 FloatArray = npt.NDArray[np.float64]
+Labels = Mapping[str, FloatArray]
+"""Column -> (N,) values."""
+
+FRAME_FOLDERS = ("frames_bw", "images", "sensor_images", "processed_images")
+AUTO = "auto"
+PLATE, SINGLE, DUAL, TRIPLE, TIPS, NONE = "plate", "single", "dual", "triple", "tips", "none"
+"""Indenters behind labels: a plate, one spherical tip, two or three of them on a holder, a list of
+contacts, or none that is known."""
+MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4}
+"""Unit of the columns of lengths -> mm."""
+DEG_PER = {"deg": 1.0, "rad": math.degrees(1.0)}
+"""Unit of the columns of angles -> degrees."""
+_UNIT_WORDS = {
+    "mm": "mm millimetre millimeter millimetres millimeters \u6beb\u7c73",
+    "cm": "cm centimetre centimeter centimetres centimeters \u5398\u7c73",
+    "m": "m metre meter metres meters \u7c73",
+    "um": "um \u03bcm micron microns micrometre micrometer \u5fae\u7c73",
+    "in": 'in inch inches " zoll',
+    "deg": "deg degree degrees \u00b0 grad \u5ea6",
+    "rad": "rad radian radians",
+    "N": "n newton newtons",
+    "px": "px pixel pixels",
+    "s": "s sec second seconds",
+    "other": "ms us ns v mv hz kpa pa ut mn nm mil mils thou step steps counts pulses",
+}
+UNITS = {word: unit for unit, words in _UNIT_WORDS.items() for word in words.split()}
+"""Words for units -> the unit, in three languages; the two Unicode signs of micro count as one."""
+_REMARKS = r"[\[({].*?[\])}]"
+"""Parts of a column's name in brackets: a unit, a remark, or both."""
+AS_IS, EVEN = "as_is", "even"
+"""Ways to read frames: as they are, or as raw pictures of which pins are cut out and evenly lit."""
+REFUSE, SKIP = "refuse", "skip"
+"""Ways to treat a row whose frame is no file."""
+
+_MM = {"low": -1000.0, "high": 1000.0}
+
+
+_WORD = r"[^\W\d_]+|\u00b0"
+
+
+def unit_word(text: str) -> str | None:
+    """Return the unit that a word is, None where it is none."""
+    return UNITS.get(unicodedata.normalize("NFKC", text).strip().lower())
+
+
+def stated_unit(column: str) -> str | None:
+    """Return the unit that a column's name states, as in ``x [mm]`` or ``tip_x_mm (filtered)``.
+
+    In brackets it is the first word or the last one, beside what else they remark: (in mm, tool).
+    """
+    outside = re.findall(_WORD, re.sub(_REMARKS, " ", column))[1:]
+    # A letter inside of a name is no unit, and "in" is one where it stands alone.
+    found = [unit_word(word) for word in outside[-1:]]
+    found += [u for w in outside if len(w) > 1 and w.lower() != "in" and (u := unit_word(w))]
+    for text in re.findall(_REMARKS, column)[::-1]:
+        words = re.findall(_WORD, text)
+        words = [word for word in words if len(words) == 1 or word.lower() != "in"]
+        units = [unit_word(text[1:-1]), *(unit_word(word) for word in [*words[:1], *words[-1:]])]
+        scaled = re.fullmatch(r".[\sx*\u00d7]*[\d.,e+-]*\d\s*(\S+?)\s*.", text)  # [0.1mm]
+        if (scaled and unit_word(scaled[1])) or (re.search(r"[/^*\u00b7]", text) and any(units)):
+            return "other"  # also [m/s]
+        found += [] if re.search(r"\d", text) else units
+    return next(filter(None, found), None)
+
+
+def unit_factor(column: str, per: Mapping[str, float], unit: str) -> float:
+    """Return the factor from a column's unit to mm or deg.
+
+    Args:
+        column: Its name; a unit that it states holds.
+        per: ``MM_PER`` or ``DEG_PER``.
+        unit: The unit of columns that state none.
+    """
+    return per.get(stated_unit(column) or unit, per[unit])
+
+
+def _option(default: Any, text: str, **limits: Any) -> Any:
+    return field(default=default, metadata={"help": text, "limits": limits})
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Options of an import, each with its help.
+
+    Columns are named as in the table. A depth column with a '-' in front counts the other way.
+    With indenter "none" labels stay labels; "auto" means spherical tips where the table has x_mm,
+    y_mm and depth_mm, and "none" otherwise.
+    """
+
+    name: str = _option("", "of the data set; default: the source's folder")
+    table: str = _option("", "the table in the folder; default: targets.csv, or the only table")
+    frames: str = _option(AUTO, "folder of the frames; auto: a usual one, or the table's own")
+    light: str = _option(
+        AUTO,
+        "frames: as_is; even: raw pictures, of which the pins are cut out and evenly lit; auto: "
+        "what shows more of a regular set of pins",
+        choices=(AUTO, AS_IS, EVEN),
+    )
+    column: str = _option("", "column that names the frames; default: the first known one")
+    labels: str = _option(AUTO, "label columns, by commas; auto: all numbers, of Bristol's its own")
+    press: str = _option("", "columns that frames of one press share; default: a frame, a press")
+    sites: str = _option("", "columns, or an array, of 1 where a named place is touched, else 0")
+    channels: str = _option("", "file of the channels, maybe of the labels; day*.mat are sessions")
+    channel_columns: str = _option(
+        "", "columns of the channels: names, arrays, FIRST:LAST or ch*; default: all, largest array"
+    )
+    before: str = _option("", "channels before every press, to subtract: columns, array or file")
+    join: str = _option("", "column of a time that labels and channels share; default: the row")
+    channels_time: str = _option("", "that column in the file of channels, if its name differs")
+    tolerance_ms: float = _option(10.0, "of joined rows, at most", low=0.0, high=60_000.0)
+    missing: str = _option(REFUSE, "rows whose frame is no file", choices=(REFUSE, SKIP))
+    indenter: str = _option(
+        AUTO, "what pressed", choices=(AUTO, NONE, PLATE, SINGLE, DUAL, TRIPLE, TIPS)
+    )
+    radius_mm: float = _option(3.0, "of every spherical tip", low=0.01, high=1000.0)
+    dome_radius_mm: float = _option(DOME_RADIUS_MM, "of the sensor", low=0.1, high=10_000.0)
+    surface: str = _option("dome", "shape of the sensor", choices=("dome", "flat"))
+    unit: str = _option("mm", "of lengths whose column states none", choices=tuple(MM_PER))
+    angles: str = _option("deg", "of angles whose column states none", choices=tuple(DEG_PER))
+    x: str = _option("x_mm", "column of x; of every tip, by commas (-COLUMN: the other way)")
+    y: str = _option("y_mm", "column of y, likewise")
+    x_zero_mm: float = _option(0.0, "x of the sensor's middle in that column", **_MM)
+    y_zero_mm: float = _option(0.0, "y of the sensor's middle in that column", **_MM)
+    depth: str = _option(AUTO, "column of the depth; auto: pose_2 of a plate, depth_mm of a tip")
+    force: str = _option("", "column of the normal force of a tip, N; 0: it touches nothing")
+    spacing: str = _option("", "column, or mm: distance of two or three tips; empty cell: one tip")
+    yaw: str = _option("0", "column, or deg for all: turn of a holder; at 0 a pair lies along x")
+    heights: str = _option("", "columns, or mm: how much further each tip reaches; default: equal")
+    tilt: str = _option(AUTO, "column of the plate's tilt; auto: pose_6")
+    offset_mm: float = _option(0.0, "added to the depth: its value at first touch, negated", **_MM)
+    pivot_mm: float = _option(0.0, "p of depth + offset + p (1 - cos tilt) + q sin tilt", **_MM)
+    pivot_side_mm: float = _option(0.0, "q of that indentation", **_MM)
+    yaw_deg: float = _option(0.0, "to which a tilted plate's contact moves", low=-360.0, high=360.0)
+    sensor: str = _option("unknown", "name of the sensor that was recorded")
+    licence: str = _option("", "of the frames, an SPDX name such as CC-BY-4.0")
+
+    @property
+    def surface_radius_mm(self) -> float:
+        """Radius of the pressed surface, inf where it is flat."""
+        return math.inf if self.surface == "flat" else self.dome_radius_mm
+
+    def changed(self) -> dict[str, Any]:
+        """Return the options that differ from their defaults."""
+        defaults = asdict(ImportOptions())
+        return {name: value for name, value in asdict(self).items() if value != defaults[name]}
+
+
+PARAMETERS = tuple(
+    Parameter(o.name, asdict(ImportOptions())[o.name], o.metadata["help"], **o.metadata["limits"])
+    for o in fields(ImportOptions)
+)
+
+
+def read_options(texts: Iterable[str]) -> ImportOptions:
+    """Return the options of texts such as ``("indenter=plate", "offset_mm=5")``.
+
+    Raises:
+        UserError: A text is no NAME=VALUE, a name is unknown or repeated, or a value is not
+            allowed.
+    """
+    by_name: Mapping[str, Parameter] = {parameter.name: parameter for parameter in PARAMETERS}
+    values: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise UserError(f"--param {text!r} is no NAME=VALUE, such as indenter=plate.")
+        if name not in by_name:
+            raise UserError(f"there is no parameter {name!r}; {did_you_mean(name, by_name)}")
+        if name in values:
+            raise UserError(f"--param {name} is given twice; give it once.")
+        values[name] = by_name[name].parse(value)
+    return ImportOptions(**values)
+
 
 CONTACT_COLUMNS = ("x_mm", "y_mm", "depth_mm")
 NUMBERED = tuple(f"pose_{axis}" for axis in "123456")
@@ -70,30 +235,33 @@ def indentation(
     return lowered + pivot_mm * (1 - np.cos(turned)) + side_mm * np.sin(turned)
 
 
-def shear_columns(
-    labels: Mapping[str, FloatArray], pattern: re.Pattern[str] = _SHEAR
-) -> tuple[str, ...]:
+def shear_columns(labels: Labels, pattern: re.Pattern[str] = _SHEAR) -> tuple[str, ...]:
     """Return the columns that say how a press was dragged along, where they change."""
     return tuple(n for n, v in labels.items() if pattern.fullmatch(n) and np.ptp(v) > 0)
 
 
-def signed_column(labels: Mapping[str, FloatArray], column: str, factor: float = 1.0) -> FloatArray:
+def signed_column(
+    labels: Labels, column: str, per: Mapping[str, float] | None = None, unit: str = ""
+) -> FloatArray:
     """Return the values of a column in mm or deg, negated where its name begins with '-'.
 
     A number in place of a column holds for all rows, and is in mm or deg already.
+
+    Args:
+        labels: Column -> (N,) values as they stand in the table.
+        column: Name of the column, or a number.
+        per: ``MM_PER`` or ``DEG_PER``; None: the values are no lengths and no angles.
+        unit: Unit of columns that state none.
     """
     if is_number(column):
         return np.full(len(next(iter(labels.values()))), float(column))
-    sign = -factor if column.startswith("-") else factor
-    return np.asarray(sign * labels[column.removeprefix("-")], dtype=np.float64)
+    name = column.removeprefix("-")
+    factor = 1.0 if per is None else unit_factor(name, per, unit)
+    return np.asarray((-factor if name != column else factor) * labels[name], dtype=np.float64)
 
 
 def scenes_of(
-    labels: Mapping[str, FloatArray],
-    columns: Mapping[str, str],
-    options: ImportOptions,
-    indenter: str,
-    table: Path,
+    labels: Labels, columns: Mapping[str, str], options: ImportOptions, indenter: str, table: Path
 ) -> tuple[Scene, ...] | None:
     """Return the scene of every frame; None where the labels describe no scene.
 
@@ -112,10 +280,9 @@ def scenes_of(
         return None
     if indenter != PLATE:
         return tip_scenes(labels, columns, options, indenter, table)
-    scale, turn = _scales(options)
-    tilt = signed_column(labels, columns["tilt"], turn)
+    tilt = signed_column(labels, columns["tilt"], DEG_PER, options.angles)
     depth = indentation(
-        signed_column(labels, columns["depth"], scale),
+        signed_column(labels, columns["depth"], MM_PER, options.unit),
         tilt,
         options.offset_mm,
         options.pivot_mm,
@@ -146,24 +313,13 @@ def own_workspace(
     depths = depths[~(depths <= 0)]  # those that are not known, NaN, stay
     if not (always or math.isinf(radius)) or not len(depths):
         return None
-    reach = max(float(np.abs(tip_positions(scene)[:, :2]).max()) for scene in tips)
+    touching = [scene for scene in tips if not tip_depths(scene, radius).max() <= 0]
+    reach = max(float(np.abs(tip_positions(scene)[:, :2]).max()) for scene in touching)
     return Workspace(reach, float(depths.min()), float(depths.max()), radius)
 
 
-def _scales(options: ImportOptions) -> tuple[float, float]:
-    """Return factors from the units of a table's lengths and angles to mm and deg."""
-    return MM_PER[options.unit], math.degrees(1.0) if options.angles == "rad" else 1.0
-
-
-def choose_indenter(options: ImportOptions, columns: Sequence[str]) -> str:
-    """Return the indenter that the option "auto" stands for."""
-    if options.indenter != AUTO:
-        return options.indenter
-    return SINGLE if set(CONTACT_COLUMNS) <= set(columns) else NONE
-
-
 def role_columns(
-    options: ImportOptions, indenter: str, labels: Mapping[str, FloatArray], table: Path
+    options: ImportOptions, indenter: str, labels: Labels, table: Path
 ) -> dict[str, str]:
     """Return role -> column, for the roles that the indenter needs.
 
@@ -184,22 +340,18 @@ def role_columns(
         return {}
     columns = tuple(labels)
     if indenter != PLATE:
-        unknown = options.depth == AUTO and "depth_mm" not in columns and indenter != TIPS
         depth = "depth_mm" if options.depth == AUTO else options.depth
+        found = {r: texts(t) for r, t in tip_roles(replace(options, depth=depth), indenter).items()}
+        if options.depth == AUTO and "depth_mm" not in columns and indenter != TIPS:
+            del found["depth"]
         return {
-            role: ",".join(
-                name if is_number(name) else _find_column(name, columns, table)
-                for name in texts(text)
-            )
-            for role, text in tip_roles(replace(options, depth=depth), indenter).items()
-            if not (unknown and role == "depth")
+            role: ",".join(n if is_number(n) else _find_column(n, columns, table) for n in names)
+            for role, names in found.items()
         }
     depth = "pose_2" if options.depth == AUTO else options.depth
     tilt = "pose_6" if options.tilt == AUTO else options.tilt
-    roles = {
-        "depth": _find_column(depth, columns, table),
-        "tilt": _find_column(tilt, columns, table),
-    }
+    wanted = (("depth", depth), ("tilt", tilt))
+    roles = {role: _find_column(name, columns, table) for role, name in wanted}
     lengths = [name for name in (*NUMBERED[:3], *LETTERED[:3]) if name in labels]
     changing = [name for name in lengths if np.ptp(labels[name]) > 0]
     depth = roles["depth"].removeprefix("-")
@@ -219,15 +371,25 @@ def _find_column(column: str, columns: Sequence[str], table: Path) -> str:
     for name in names:
         if name in columns:
             return f"{sign}{name}"
-    raise UserError(
-        f"{table} has no column {' or '.join(names)} of numbers; its columns are "
-        f"{', '.join(columns) or 'none'}."
-    )
+    hint = did_you_mean(names[0], columns)
+    raise UserError(f"{table} has no column {names[0]!r} of numbers; {hint}")
 
 
 def named(text: str) -> list[str]:
     """Return the names in a list with commas, without the '-' of a negated column."""
     return [name.removeprefix("-") for name in texts(text)]
+
+
+def given_columns(given: Mapping[str, str]) -> list[str]:
+    """Return the columns of labels that options name; "" where x, y or depth names none.
+
+    Args:
+        given: Option -> its value as text; spacing, yaw and heights may be numbers.
+    """
+    places, held = ("x", "y", "depth"), ("spacing", "yaw", "heights")
+    roles = [role for role in (*places, "force", "tilt", "press", "join", *held) if role in given]
+    names = [(r, name) for r in roles for name in named(given[r]) or [""] * (r in places)]
+    return [name for role, name in names if role not in held or not is_number(name)]
 
 
 def texts(text: str) -> list[str]:
@@ -296,11 +458,7 @@ def tip_columns(options: ImportOptions, indenter: str) -> tuple[set[str], set[st
 
 
 def tip_scenes(
-    labels: Mapping[str, FloatArray],
-    columns: Mapping[str, str],
-    options: ImportOptions,
-    indenter: str,
-    table: Path,
+    labels: Labels, columns: Mapping[str, str], options: ImportOptions, indenter: str, table: Path
 ) -> tuple[Scene, ...]:
     """Return the scene of every row.
 
@@ -321,12 +479,12 @@ def tip_scenes(
             contact lies beside the sensor; the sentence names the row.
     """
     count = len(next(iter(labels.values())))
-    scale, turn = _scales(options)
 
     def lengths(role: str, zero: float = 0.0) -> FloatArray:
         return np.column_stack(
             [
-                signed_column(labels, text, scale) - (-zero if text.startswith("-") else zero)
+                signed_column(labels, text, MM_PER, options.unit)
+                - (-zero if text.startswith("-") else zero)
                 for text in texts(columns[role])
             ]
         )
@@ -347,8 +505,8 @@ def tip_scenes(
     poses = np.column_stack([x, y, np.zeros(count), depth])
     if indenter == SINGLE:
         return tuple(Scene(single, Pose(px, py, depth=d)) for px, py, _, d in poses.tolist())
-    spacing = signed_column(labels, columns["spacing"], scale)
-    yaw = signed_column(labels, columns["yaw"], turn)
+    spacing = lengths("spacing")[:, 0]
+    yaw = signed_column(labels, columns["yaw"], DEG_PER, options.angles)
     heights = np.zeros((count, TIP_COUNT[indenter]))
     if "heights" in columns:
         heights = lengths("heights")
@@ -407,9 +565,7 @@ def _list_scene(
     empty = np.isnan(cells)
     partly = np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1))
     if len(partly):
-        raise UserError(
-            f"{where}: contact {partly[0] + 1} lacks its x, y or depth; fill all three or none."
-        )
+        raise UserError(f"{where}: contact {partly[0] + 1} lacks x, y or depth; fill all or none.")
     filled = cells[~empty.any(axis=1)]
     if not len(filled):
         raise UserError(f"{where} holds no contact; remove the row or fill it.")

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import groupby
 from math import prod
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.datasets.formats import (
     find_frame,
@@ -24,9 +26,10 @@ from tactibench.datasets.formats import (
     frame_name,
     frame_places,
     inside,
+    video_names,
 )
-from tactibench.datasets.options import AUTO, FRAME_FOLDERS, ImportOptions, read_options
-from tactibench.datasets.pictures import check_picture, is_picture, read_picture
+from tactibench.datasets.labels import FRAME_FOLDERS, ImportOptions, given_columns, read_options
+from tactibench.datasets.pictures import check_picture, is_picture, read_picture, video_frames
 from tactibench.datasets.roles import (
     Evidence,
     counts_up,
@@ -38,18 +41,20 @@ from tactibench.datasets.roles import (
     words,
 )
 from tactibench.datasets.tables import FloatArray, Table, read_table, shown
-from tactibench.errors import UserError
-from tactibench.png import read_file
+from tactibench.errors import UserError, read_file
 from tactibench.records import atomic
 
 _MOST_LABELS = 8
 """Columns that the labels of a press have at most: more are channels."""
 _GRID = 0.2
 """Most different values of a column of places on a grid, as a share of its rows."""
-_PROBED = 60
-"""Frames that are read to learn whether the signal follows a column."""
-_MOST_ROWS = 1500
-"""Rows that are compared with each other: about a second."""
+_PROBED, _MOST_ROWS = 100, 1500
+"""Frames that are read, and rows of channels that are compared, to learn whether the signal follows
+a column."""
+_UNREAD = (".xlsx", ".xls", ".ods", ".json", ".yaml", ".xml", ".bag", ".pkl", ".pickle")
+"""Files in which labs keep labels, too."""
+_NAMED = 20
+"""Rows whose frames are looked for, to learn which column names them."""
 _LEAST_SERIES = 3
 """Columns with names in a series that are channels: fewer may be labels."""
 
@@ -78,10 +83,10 @@ class Guess:
             remark = f"  # {self.remarks[name]}" if name in self.remarks else ""
             quoted = value.replace("\\", "\\\\").replace('"', '\\"')
             lines.append(f'{name} = "{quoted}"{remark}')
-        for reason, names in groupby(
-            sorted(self.unused, key=self.unused.__getitem__), self.unused.get
-        ):
-            lines.append(f"# not used, {reason}: {shown(list(names), most=8)}")
+        why = self.unused.__getitem__
+        for reason, names in groupby(sorted(self.unused, key=why), why):
+            start = " " if reason.startswith("may be") else " not used: "
+            lines.append(f"# {shown(list(map(repr, names)), most=8)}{start}{reason}")
         return "\n".join(lines) + "\n"
 
 
@@ -137,9 +142,9 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     """
     if not folder.is_dir():
         raise UserError(f"{folder} is no folder; give the one that holds the table.")
-    given = dict(text.partition("=")[::2] for text in params)
+    given = dict(text.partition("=")[::2] for text in params if not text.endswith("=auto"))
     known = read_options(params)  # an unknown option is named before anything is written
-    evidence = Evidence(lambda: np.empty(0), lambda _: None, dict(given))
+    evidence = Evidence(lambda rows: np.full((len(rows), 1), np.nan), _PROBED, dict(given))
     found = None if known.channels or known.channel_columns else _find_frames(folder, known)
     if found is not None:
         table, column, frames = found
@@ -147,11 +152,13 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
         evidence.give("column", column)
         if frames != folder:
             evidence.give("frames", frames.relative_to(folder).as_posix())
-        evidence.strength = lambda: _strength_of_frames(folder, frames, table, column)
+        evidence.signals = _frame_signals(folder, frames, table, column)
         candidates = [name for name in table.columns if name != column]
     else:
-        table, candidates = _find_channels(folder, known, evidence)
+        table, candidates = _find_skin(folder, known, evidence)
         evidence.give("surface", "flat", "no table says it; write dome if a dome is pressed")
+    for name in given_columns(given):
+        table.column(name)  # its error says what the name may stand for
     hidden = table.signals
     candidates = [name for name in candidates if name not in hidden]
     labels = [name for name in candidates if is_numeric(table, name)]
@@ -194,7 +201,7 @@ def _reason(table: Table, name: str, is_numeric: bool) -> str:
 
 def _find_frames(folder: Path, known: ImportOptions) -> tuple[Table, str, Path] | None:
     """Return the table that names most frames, its column of names, and the frames' folder."""
-    places = frame_places(folder)
+    places = frame_places(folder, known.frames)
     video = find_video(folder)
     if video is None and not any(is_picture(path) for place in places for path in place.iterdir()):
         return None
@@ -202,64 +209,74 @@ def _find_frames(folder: Path, known: ImportOptions) -> tuple[Table, str, Path] 
     tables = {path: read_table(path, read_file(path)) for path in paths}
     if video is not None:
         if len(tables) != 1:
-            raise UserError(
-                f"{folder} holds a video and {len(tables)} tables; name the one with a row a frame "
-                "with --param table=FILE."
-            )
+            raise UserError(f"{folder} holds a video and {len(tables)} tables; write table=FILE.")
         (table,) = tables.values()
         numbers = [n for n in table.columns if words(n)[:1] == ["frame"] and is_numeric(table, n)]
         return table, next(iter(numbers), ""), folder
-    if known.frames != AUTO:
-        places = (folder / known.frames,)
-    best: dict[tuple[Path, str, Path], int] = {}
+    best: dict[tuple[Path, str, Path], dict[Path, None]] = {}  # the files of the first rows
     for path, table in tables.items():
         for column in [table.column(known.column)] if known.column else table.columns:
-            for name in filter(None, map(frame_name, map(str, table.cells[column][:20]))):
-                for place in find_frame(folder, places, name):
-                    best[path, column, place] = best.get((path, column, place), 0) + 1
+            for name in filter(None, map(frame_name, map(str, table.cells[column][:_NAMED]))):
+                for place, file in find_frame(folder, places, name).items():
+                    best.setdefault((path, column, place), {})[file] = None
     if not best:
-        names = ", ".join(path.name for path in tables) or "no table"
+        names = shown([path.name for path in tables], 8) or "no table"
         raise UserError(
             f"{folder} holds {names}, and no column of a table names files of the folder; write "
             "the names of the frames, with .png, into one. Of a sensor without a camera, name the "
-            "table of its numbers with --param channels=FILE."
+            f"table of its numbers with --param channels=FILE.{_describe_unread(folder)}"
         )
-    most = [key for key, count in best.items() if count == max(best.values())]
-    usual = [key for key in most if key[2] == folder or key[2].name in FRAME_FOLDERS]
-    most = usual[:1] if len({key[:2] for key in most}) == 1 and usual else most
+    most = [key for key, files in best.items() if len(files) == max(map(len, best.values()))]
+    of = {(path, place, *best[path, column, place]): column for path, column, place in most[::-1]}
+    most = [key for key in most if key[1] in of.values()]  # a time may name the same files
+    usual = [k for k in most if k[2] in (folder, k[0].parent) or k[2].name in FRAME_FOLDERS]
+    most = (usual[:1] if len({key[:2] for key in most}) == 1 else usual) or most
     if len(most) > 1:
         says = [
             f"table={path.relative_to(folder)} column={column} frames={place.relative_to(folder)}"
             for path, column, place in most
         ]
         raise UserError(
-            f"{folder} may be read in {len(most)} ways; choose with --param: {' or '.join(says)}."
+            f"{folder} may be read in {len(most)} ways; choose with --param: "
+            f"{' or '.join(says[:4])}{' or others' * (len(says) > 4)}."
         )
     path, column, place = most[0]
     return tables[path], column, place
 
 
-def _strength_of_frames(folder: Path, frames: Path, table: Table, column: str) -> FloatArray:
-    """Return how far frames are from their median, of some rows; NaN for the others."""
-    rows = np.linspace(0, len(table) - 1, min(_PROBED, len(table))).round().astype(int)
-    strength = np.full(len(table), np.nan)
-    images = {}
-    for row in dict.fromkeys(rows.tolist()):
+def _describe_unread(folder: Path) -> str:
+    """Return a sentence on files that hold labels maybe, but are not read; "" where none are."""
+    names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in _UNREAD)
+    return f" Not read: {shown(names, 4)}; save them as one CSV table." if names else ""
+
+
+def _frame_signals(
+    folder: Path, frames: Path, table: Table, column: str
+) -> Callable[[npt.NDArray[np.intp]], FloatArray]:
+    """Return the function that gives the pixels of rows, NaN where a frame cannot be read."""
+    names: Sequence[str] = list(map(frame_name, map(str, table.cells[column]))) if column else ()
+    if (video := find_video(folder)) is not None:
+        frames = video_frames(video)
+        names = video_names(table, column, frames)
+
+    @cache
+    def pixels(row: int) -> FloatArray | None:
         with suppress(UserError):  # reported when the frame is imported
-            name = frame_name(str(table.cells[column].iloc[row]))
-            (path,) = find_frame(folder, [frames], name).values() or [Path()]
+            (path,) = find_frame(folder, [frames], names[row]).values() or [Path()]
             kind, bits = check_picture(path, read_file(path))
-            images[row] = read_picture(path, kind, max(8, bits))[::2, ::2].astype(np.float32)
-    if len({image.shape for image in images.values()}) == 1:
-        stack = np.stack(list(images.values()))
-        away = np.abs(stack - np.median(stack, axis=0)).reshape(len(stack), -1)
-        strength[list(images)] = away.mean(axis=1)
-    return strength
+            return read_picture(path, kind, max(8, bits))[::2, ::2].astype(np.float64).ravel()
+        return None
+
+    def signals(rows: npt.NDArray[np.intp]) -> FloatArray:
+        found = [pixels(int(row)) for row in rows]
+        size = next((len(image) for image in found if image is not None), 1)
+        lost = np.full(size, np.nan)
+        return np.stack([lost if i is None or len(i) != size else i for i in found])
+
+    return signals
 
 
-def _find_channels(
-    folder: Path, known: ImportOptions, evidence: Evidence
-) -> tuple[Table, list[str]]:
+def _find_skin(folder: Path, known: ImportOptions, evidence: Evidence) -> tuple[Table, list[str]]:
     """Find the labels and the channels of a sensor without a camera, in one table or in two.
 
     Returns:
@@ -270,19 +287,17 @@ def _find_channels(
     """
     given = [inside(folder, name) for name in dict.fromkeys((known.table, known.channels)) if name]
     whole = bool(known.table and known.channels) or (bool(given) and bool(known.channel_columns))
-    paths = given if whole else find_tables(folder)
     tables = {path: read_table(path, read_file(path)) for path in given}
-    alone = {path: channels_of(table) for path, table in tables.items()}
-    if not (known.table and not known.channels and alone[given[0]]):  # labels and channels in one
-        tables |= {p: read_table(p, read_file(p)) for p in paths if p not in tables}
-        alone = {path: channels_of(table) for path, table in tables.items()}
+    if not whole and not (known.table and not known.channels and channels_of(tables[given[0]])):
+        others = [path for path in find_tables(folder) if path not in given]
+        tables |= {path: read_table(path, read_file(path)) for path in others}
     if not tables:
-        raise UserError(f"{folder} holds no frames and no table; name another folder.")
+        raise UserError(f"{folder} holds no frames and no table.{_describe_unread(folder)}")
     labels = [given[0]] if known.table else [p for p in tables if p not in given] or given
     if len(tables) > 1 and not known.table:
         few = [p for p in labels if len(_label_columns(tables[p])) <= _MOST_LABELS]
         placed = [p for p in few if {"x", "y"} <= {*map(_axis, tables[p].columns)}]
-        labels = placed or [p for p in few if not alone[p]] or few
+        labels = placed or [p for p in few if not channels_of(tables[p])] or few
     signals = given[-1:] if known.channels else [p for p in tables if p not in labels] or labels
     rows = {len(tables[path]) for path in labels}
     signals = [p for p in signals if len(signals) == 1 or len(tables[p]) in rows]
@@ -294,6 +309,7 @@ def _find_channels(
             f"channels with --param table=FILE --param channels=FILE ({'; '.join(what)})."
         )
     table, source = tables[labels[0]], tables[signals[0]]
+    source.select(known.channels_time)
     for role, path in (("table", labels[0]), ("channels", signals[0])):
         evidence.give(role, path.relative_to(folder).as_posix())
     same = source is table
@@ -304,7 +320,7 @@ def _find_channels(
             f"{table.path} does not tell which columns are the channels; say it with --param "
             f"channel_columns=FIRST:LAST; its columns are {shown(table.columns)}."
         )
-    clocks: list[list[str]] = [
+    clocks = [
         [c for c in t.columns if is_numeric(t, c) and counts_up(t, c)][:1] for t in (table, source)
     ]
     if not same and all(clocks) and not known.join:
@@ -314,19 +330,16 @@ def _find_channels(
     if chosen or ("join" not in evidence.options and len(columns) < len(source.columns)):
         chosen = chosen or source.listed(columns)
         evidence.give("channel_columns", chosen, f"{len(columns):,} channels")
-        left = {*source.columns} - {*columns} if not same else set()
-        evidence.unused |= dict.fromkeys(
-            left, f"no channel of {source.path.name}, but a time or text"
-        )
+        reason = f"no channel of {source.path.name}, but a time or text"
+        left = {*source.columns} - {*columns} if not same else ()
+        evidence.unused |= dict.fromkeys(left, reason)
     before = chosen.replace("after", "before")
     if before != chosen and before in source.arrays:
         evidence.give("before", before, "the channels before a press are subtracted")
     values = np.column_stack([source.numbers(c, allow_empty=True) for c in columns])
     if len(values) == len(table):
         values = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-12)
-        usual = np.median(values, axis=0)
-        evidence.strength = lambda: np.sqrt(np.square(values - usual).mean(axis=1))
-        evidence.alike = lambda labels: _rank_of_alike(values, labels)
+        evidence.signals, evidence.most = lambda rows: values[rows], _MOST_ROWS
     if not same:
         return table, list(table.columns)
     before = evidence.options.get("before", "")
@@ -341,9 +354,7 @@ def _axis(column: str) -> str:
 
 def _label_columns(table: Table) -> list[str]:
     """Return the columns of numbers that are no time and no counter."""
-    return [
-        name for name in table.columns if is_numeric(table, name) and not counts_up(table, name)
-    ]
+    return [n for n in table.columns if is_numeric(table, n) and not counts_up(table, n)]
 
 
 def channels_of(table: Table) -> str:
@@ -369,25 +380,8 @@ def channels_of(table: Table) -> str:
         ):
             return ""
         return table.listed([name for name in columns if stem(name) == ranked[0][0]])
-    few = [
-        len(np.unique(table.numbers(name, allow_empty=True))) < _GRID * len(table)
-        for name in columns
-    ]
+    few = [len(np.unique(table.numbers(n, allow_empty=True))) < _GRID * len(table) for n in columns]
     first = few.index(False) if False in few else len(few)
     if first < 2 or len(columns) - first < _LEAST_SERIES or any(few[first:]):
         return ""
     return f"{columns[first]}:{columns[-1]}"
-
-
-def _rank_of_alike(channels: FloatArray, labels: FloatArray) -> float | None:
-    """Return the rank correlation of labels with those of the row whose channels are most alike."""
-    from scipy.spatial.distance import cdist
-    from scipy.stats import spearmanr
-
-    rows = np.linspace(0, len(labels) - 1, min(_MOST_ROWS, len(labels))).round().astype(int)
-    chosen = labels[rows]
-    if len(rows) < _PROBED or np.isnan(chosen).any() or np.ptp(chosen) == 0:
-        return None
-    apart = cdist(channels[rows], channels[rows], "sqeuclidean")
-    np.fill_diagonal(apart, np.inf)
-    return float(spearmanr(chosen, chosen[apart.argmin(axis=1)]).statistic)

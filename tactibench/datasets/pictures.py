@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.errors import UserError
-from tactibench.png import MOST_PIXELS, ImageKind, check_png, decode_png, encode_png, read_file
+from tactibench.errors import UserError, read_file
+from tactibench.png import MOST_PIXELS, ImageKind, check_png, decode_png, encode_png
 from tactibench.records import CacheEntry, cache_folder
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -80,7 +80,7 @@ def _is_usual(path: Path, data: bytes) -> bool:
 
 
 def _decode(path: Path, data: bytes) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
-    from PIL import Image, ImageOps, UnidentifiedImageError
+    from PIL import Image, ImageOps
 
     try:
         with Image.open(io.BytesIO(data)) as file:
@@ -96,18 +96,8 @@ def _decode(path: Path, data: bytes) -> npt.NDArray[np.uint8] | npt.NDArray[np.u
                     return deep.astype(np.uint16)
             gray = image.mode in ("1", "L", "LA")
             return np.asarray(image.convert("L" if gray else "RGB"), dtype=np.uint8)
-    except (
-        OSError,
-        ValueError,
-        SyntaxError,
-        EOFError,
-        struct.error,
-        Image.DecompressionBombError,
-        UnidentifiedImageError,
-    ):
-        raise UserError(
-            f"{path} cannot be decoded as a picture; replace it or remove its row."
-        ) from None
+    except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError):
+        raise UserError(f"{path} cannot be decoded; replace it or remove its row.") from None
 
 
 def video_frames(path: Path) -> Path:

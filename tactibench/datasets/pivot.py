@@ -18,16 +18,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from tactibench.datasets.labels import indentation, role_columns, shear_columns, signed_column
-from tactibench.datasets.options import PLATE, ImportOptions
+from tactibench.datasets.labels import (
+    PLATE,
+    ImportOptions,
+    indentation,
+    role_columns,
+    shear_columns,
+    signed_column,
+)
 from tactibench.datasets.recording import Recording
+from tactibench.datasets.tables import spread_evenly
 from tactibench.errors import UserError
 from tactibench.images import gray
 
@@ -250,8 +257,7 @@ def follow_spreads(
         rest = recording.image(least)
     if rest is None:
         raise UserError(
-            f"{recording.folder} has no frame of the undeformed sensor, from which pins are "
-            "followed; add one as init_0.png."
+            f"{recording.folder} has no frame of the undeformed sensor; add one as init_0.png."
         )
     tracker = Tracker(gray(rest), refine=not estimated)  # discs of a pressed frame fit no other
     spread, middle = np.empty(len(rows)), np.empty((len(rows), 2))
@@ -265,9 +271,7 @@ def follow_spreads(
     return len(tracker.rest), spread, middle
 
 
-def _least_sheared(
-    recording: Recording, travels: tuple[str, ...], most: int
-) -> npt.NDArray[np.intp]:
+def _least_sheared(recording: Recording, travels: Sequence[str], most: int) -> npt.NDArray[np.intp]:
     """Return rows of the least sheared presses, thinned evenly."""
     rows = np.arange(len(recording))
     if travels:
@@ -275,12 +279,7 @@ def _least_sheared(
         for name in travels:
             square += recording.labels[name] ** 2
         rows = np.flatnonzero(square <= np.quantile(square, LEAST_SHEARED))
-    return thinned(rows, most)
-
-
-def thinned(rows: npt.NDArray[np.intp], most: int) -> npt.NDArray[np.intp]:
-    """Return at most so many of the rows, evenly spread."""
-    return rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(np.intp)]
+    return rows[spread_evenly(len(rows), most)]
 
 
 def _touching(spread: FloatArray) -> npt.NDArray[np.bool_]:
@@ -288,10 +287,7 @@ def _touching(spread: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def fit_pivot(
-    spread: FloatArray,
-    depth: FloatArray,
-    tilt: FloatArray,
-    shear: FloatArray | None = None,
+    spread: FloatArray, depth: FloatArray, tilt: FloatArray, shear: FloatArray | None = None
 ) -> Pivot:
     """Fit offset and pivot to the spreads of presses.
 
@@ -306,10 +302,7 @@ def fit_pivot(
     """
     touching = _touching(spread)
     if np.count_nonzero(touching) < FEWEST:
-        raise UserError(
-            f"{np.count_nonzero(touching)} presses move the pins; at least {FEWEST} are needed to "
-            "fit offset and pivot."
-        )
+        raise UserError(f"{touching.sum()} presses move the pins; at least {FEWEST} are needed.")
     columns = np.zeros((len(spread), 0)) if shear is None else shear
     spread, depth, tilt, columns = (values[touching] for values in (spread, depth, tilt, columns))
     for name, values in (("depth", depth), ("tilt", tilt)):
@@ -334,11 +327,7 @@ def fit_pivot(
 
 
 def _fit_exponent(
-    spread: FloatArray,
-    depth: FloatArray,
-    tilt: FloatArray,
-    shear: FloatArray,
-    exponent: float,
+    spread: FloatArray, depth: FloatArray, tilt: FloatArray, shear: FloatArray, exponent: float
 ) -> Pivot:
     """Fit with one exponent; the tails of the residuals weigh linearly (soft l1)."""
     log = np.log(spread)
@@ -371,19 +360,10 @@ def _fit_exponent(
     inverse = np.linalg.pinv((jacobian * tail[:, None] ** -1.5).T @ jacobian)
     half = jacobian * (misfit * tail**-0.5)[:, None]
     scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))
-    return Pivot(
-        offset_mm=float(x[0]),
-        pivot_mm=float(x[1]),
-        side_mm=float(x[-1]),
-        offset_std=float(scatter[0]),
-        pivot_std=float(scatter[1]),
-        side_std=float(scatter[-1]),
-        offset_scatter=float(scatter[0]),
-        pivot_scatter=float(scatter[1]),
-        residual=float(np.median(np.abs(misfit))),
-        presses=len(spread),
-        left_out=0,
-    )
+    offset, pivot, side = x[[0, 1, -1]].tolist()
+    a, p, q = scatter[[0, 1, -1]].tolist()
+    residual = float(np.median(np.abs(misfit)))
+    return Pivot(offset, pivot, side, a, p, q, a, p, residual, presses=len(spread), left_out=0)
 
 
 def _linear_terms(tilt: FloatArray, shear: FloatArray) -> FloatArray:

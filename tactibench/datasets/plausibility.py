@@ -9,27 +9,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+from pydantic import TypeAdapter
 
 from tactibench.contacts import FloatArray, Scene
-from tactibench.datasets.labels import role_columns, signed_column
-from tactibench.datasets.options import MM_PER, PLATE, ImportOptions
+from tactibench.datasets.labels import (
+    DEG_PER,
+    MM_PER,
+    PLATE,
+    ImportOptions,
+    role_columns,
+    signed_column,
+)
 from tactibench.datasets.pivot import (
     FEWEST,
-    Pivot,
     RecordingFit,
     direction_of,
     fit_recording,
     follow_spreads,
-    thinned,
 )
 from tactibench.datasets.recording import Recording
 from tactibench.datasets.schema import ChannelKind
+from tactibench.datasets.tables import rank_correlation, rank_of_alike, spread_evenly
 from tactibench.errors import UserError
 from tactibench.records import (
     cache_folder,
@@ -39,6 +45,8 @@ from tactibench.records import (
     read_checked_json,
     write_checked_json,
 )
+
+Kept = TypeVar("Kept")
 
 MOST = 200
 """Most presses that are checked: about a second with 331 pins."""
@@ -60,6 +68,9 @@ LEAST_PLACED = 0.6
 """Least share of the variance of the place about which pins spread that x and y explain: above .9
 where labels are right, below .5 where a column is a wrong one, 0 where they belong to other
 frames."""
+_FEWEST_FELT = 20
+"""Presses that touch from which a rank correlation below the limits is no chance; places that are
+alike need as many as a fit, because they must have a neighbour."""
 _FEW = 200
 """Fewest rows of which places are compared, where there are so many."""
 LEAST_ALIKE = 0.6
@@ -119,14 +130,10 @@ def check_labels(
     plates = [row for row, scene in enumerate(scenes) if scene and scene.indenter.is_plate]
     if len(plates) >= FEWEST and recording.labels:
         return _check_plates(recording, options, advance)
-    singles = [
-        row
-        for row, scene in enumerate(scenes)
-        if scene and not scene.indenter.is_plate and len(scene.indenter.offsets) == 1
+    single = [
+        s is not None and not s.indenter.is_plate and len(s.indenter.offsets) == 1 for s in scenes
     ]
-    if len(singles) < FEWEST:
-        return LabelReport(0, (f"fewer than {FEWEST} presses by one tip or a plate: not checked",))
-    return _check_tips(recording, scenes, np.array(singles), advance)
+    return _check_tips(recording, scenes, np.flatnonzero(single), advance)
 
 
 def _check_plates(
@@ -136,9 +143,8 @@ def _check_plates(
     try:
         labels = recording.complete_labels()
         columns = role_columns(options, PLATE, labels, recording.table)
-        depth = signed_column(labels, columns["depth"], MM_PER[options.unit])
-        turn = math.degrees(1) if options.angles == "rad" else 1.0
-        tilt = signed_column(labels, columns["tilt"], turn)
+        depth = signed_column(labels, columns["depth"], MM_PER, options.unit)
+        tilt = signed_column(labels, columns["tilt"], DEG_PER, options.angles)
         wrong += _wrong_plates(depth, tilt)
         rested = recording.rest_image() is not None
         if not wrong and not (rested and changes(depth) and changes(tilt)):
@@ -150,15 +156,10 @@ def _check_plates(
     facts = (
         f"the pins' spread follows the depth with a median misfit of {pivot.residual:.1%}",
         f"the place of the spread follows the tilt with correlation {fit.following:.2f}",
-        f"a positive tilt moves the contact towards {fit.lean_deg:.0f} deg of the frame (0: right, "
-        "90: down)",
+        f"a positive tilt moves the contact to {fit.lean_deg:.0f} deg of the frame (90: down)",
     )
-    contradiction = fit.contradiction()
-    return LabelReport(
-        pivot.presses + pivot.left_out,
-        facts,
-        (*wrong, contradiction) if contradiction else tuple(wrong),
-    )
+    wrong += filter(None, [fit.contradiction()])
+    return LabelReport(pivot.presses + pivot.left_out, facts, tuple(wrong))
 
 
 def _wrong_plates(depth: FloatArray, tilt: FloatArray) -> list[str]:
@@ -183,24 +184,23 @@ def _check_unfitted(
     recording: Recording, depth: FloatArray, tilt: FloatArray, advance: Callable[[int], None]
 ) -> LabelReport:
     """Check plates where a label never changes, or there is no rest frame: nothing is fitted."""
-    rows = thinned(np.arange(len(recording)), MOST)
-    least = int(rows[np.argmin(depth[rows])])
-    _, spread, middle = follow_spreads(recording, rows, advance, least)
-    rested = recording.rest_image() is not None
+    rows = spread_evenly(len(recording), MOST)
+    rested, least = recording.rest_image() is not None, int(rows[np.argmin(depth[rows])])
     if not rested and not changes(depth):
         return LabelReport(0, (_UNKNOWN,))
+    _, spread, middle = follow_spreads(recording, rows, advance, least)
     facts = [] if rested else [_UNRESTED]
     wrong = _unfollowed(spread, depth[rows], "pins", facts, rested=rested)
     if not changes(tilt):
         facts.append("the tilt is the same in all presses: not checked")
-    else:
-        _, following = direction_of(middle[rows != least], tilt[rows != least])
-        facts.append(f"the place of the spread follows the tilt with correlation {following:.2f}")
-        if following < LEAST_FOLLOWING:
-            wrong.append(
-                "the pins do not spread where the plate is tilted to (correlation "
-                f"{following:.2f}, at least {LEAST_FOLLOWING:g} is needed)"
-            )
+        return LabelReport(len(rows), tuple(facts), tuple(wrong))
+    _, following = direction_of(middle[rows != least], tilt[rows != least])
+    facts.append(f"the place of the spread follows the tilt with correlation {following:.2f}")
+    if following < LEAST_FOLLOWING:
+        wrong.append(
+            "the pins do not spread where the plate is tilted to (correlation "
+            f"{following:.2f}, at least {LEAST_FOLLOWING:g} is needed)"
+        )
     return LabelReport(len(rows), tuple(facts), tuple(wrong))
 
 
@@ -220,7 +220,7 @@ def _unfollowed(
         known = "not known" if np.isnan(depth).any() else "the same in all presses that touch"
         facts.append(f"the depth is {known}: not checked")
         return []
-    rank = _rank_correlation(moved, depth)
+    rank = rank_correlation(moved, depth)
     facts.append(f"the {noun} move more the deeper the press: rank correlation {rank:.2f}")
     if rank < -_REVERSED:
         return [
@@ -242,18 +242,21 @@ def _check_tips(
     singles: npt.NDArray[np.intp],
     advance: Callable[[int], None],
 ) -> LabelReport:
-    poses = [scene.pose if scene is not None else None for scene in scenes]
     x, y, depth = (
-        np.array([math.nan if pose is None else getattr(pose, name) for pose in poses])
+        np.array([math.nan if s is None else getattr(s.pose, name) for s in scenes])
         for name in ("x", "y", "depth")
     )
-    if not any(changes(label[singles]) for label in (x, y, depth)):
+    if len(singles) >= FEWEST and not any(changes(v[singles]) for v in (x, y, depth)):
         return LabelReport(0, (), (_NOTHING,))
-    wrong = _wrong_units(x[singles], y[singles], depth[singles])
+    touched = singles[~(depth[singles] <= 0)]  # the others have no place
+    felt = len({recording.presses[row] for row in touched.tolist()})
+    if len(singles) < FEWEST or felt < _FEWEST_FELT:
+        return LabelReport(0, (f"fewer than {FEWEST} presses by one tip or a plate: not checked",))
+    wrong = _wrong_units(x[touched], y[touched], depth[touched])
     facts: list[str] = []
     channels = isinstance(recording.kind, ChannelKind)
-    rows = thinned(singles, MOST_ROWS if channels else MOST)
-    middle = None
+    rows = touched[spread_evenly(len(touched), MOST_ROWS if channels else MOST)]
+    places, deep = np.column_stack([x, y])[rows], depth[rows]
     rested = channels or recording.rest_image() is not None
     if not rested:
         if not changes(depth[singles]):
@@ -261,23 +264,18 @@ def _check_tips(
         facts.append(_UNRESTED)
     try:
         if channels:
-            moved = np.sqrt(np.square(_deviations(recording, rows)).mean(axis=1))
+            away = _deviations(recording, rows)
+            moved = np.sqrt(np.square(away).mean(axis=1))
+            of = np.array(recording.presses)[rows]
+            misplaced = [] if felt < FEWEST else _unlike(away, places, of, facts)
         else:
-            least = int(rows[np.argmin(depth[rows])])
+            least = int(singles[np.argmin(depth[singles])])
             _, moved, middle = follow_spreads(recording, rows, advance, least)
+            misplaced = _misplaced(middle, places, facts)
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
-    deep = depth[rows]
-    touching, noun = ~(deep <= 0), "channels" if channels else "pins"
-    wrong += _unfollowed(moved[touching], deep[touching], noun, facts, rested=rested)
-    if np.isnan(deep).any():
-        rows, middle = rows[touching], None  # the others touch nothing
-    places = np.column_stack([x, y])[rows]
-    if middle is not None:
-        wrong += _misplaced(middle, places, facts)
-    if channels:
-        presses = np.array(recording.presses)[rows]
-        wrong += _unlike(_deviations(recording, rows), places, presses, facts)
+    wrong += _unfollowed(moved, deep, "channels" if channels else "pins", facts, rested=rested)
+    wrong += misplaced
     return LabelReport(len(rows), tuple(facts), tuple(wrong))
 
 
@@ -291,10 +289,8 @@ def cached_report(
     recording: Recording, scenes: Sequence[Scene | None], options: ImportOptions
 ) -> LabelReport:
     """Return the result of ``check_labels``, which is kept in the cache."""
-    report = _cached(
-        "labels", recording, options.changed(), lambda: check_labels(recording, scenes, options)
-    )
-    return LabelReport(report.pop("presses"), **{k: tuple(v) for k, v in report.items()})
+    stated = options.changed()
+    return _cached(LabelReport, recording, stated, lambda: check_labels(recording, scenes, options))
 
 
 def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
@@ -309,9 +305,7 @@ def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
             labels.
     """
     columns = [options.depth, options.tilt]
-    stored = _cached("fits", recording, columns, lambda: fit_recording(recording, options))
-    pivot, shear = Pivot(**stored.pop("pivot")), tuple(stored.pop("shear"))
-    fit = RecordingFit(pivot=pivot, shear=shear, **stored)
+    fit = _cached(RecordingFit, recording, columns, lambda: fit_recording(recording, options))
     if contradiction := fit.contradiction():
         raise UserError(
             f"the labels of {recording.folder} give no indentation: {contradiction}; correct the "
@@ -320,19 +314,18 @@ def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
     return fit
 
 
-def _cached(
-    kind: str, recording: Recording, options: Any, make: Callable[[], LabelReport | RecordingFit]
-) -> dict[str, Any]:
-    """Return a result as JSON values; equal recordings, options and code have one file."""
+def _cached(kind: type[Kept], recording: Recording, options: Any, make: Callable[[], Kept]) -> Kept:
+    """Return a result that is kept; equal recordings, options and code have one file."""
     code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
     key = digest({"recording": recording.sha256, "options": options, "code": code})
-    path = cache_folder() / kind / f"{key[:24]}.json"
-    try:
-        return read_checked_json(path)
-    except UserError:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_checked_json(path, asdict(make()))
-        return read_checked_json(path)
+    path, form = cache_folder() / "labels" / f"{kind.__name__}-{key[:24]}.json", TypeAdapter(kind)
+    with suppress(UserError):
+        kept: Kept = form.validate_python(read_checked_json(path))
+        return kept
+    path.parent.mkdir(parents=True, exist_ok=True)
+    result = make()
+    write_checked_json(path, form.dump_python(result))
+    return result
 
 
 def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
@@ -344,21 +337,21 @@ def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
             "sign, its zero (offset_mm) and its unit"
         )
     if widest > _WIDEST_MM or (widest < _SHALLOWEST_MM / 10 and np.ptp(x) + np.ptp(y) > 0):
-        wrong.append(
-            f"places would reach {widest:.3g} mm from the middle: check x_zero_mm, y_zero_mm and "
-            "the unit"
-        )
+        wrong.append(f"places would reach {widest:.3g} mm from the middle: check zeros and unit")
     return wrong
 
 
 def _deviations(recording: Recording, rows: npt.NDArray[np.intp]) -> FloatArray:
-    """Return (N, C) deviations of channels from their medians, over the mean absolute deviation.
+    """Return (N, C) deviations of channels from rest, over the mean absolute deviation.
+
+    Where the sensor at rest is not known, the medians take its place.
 
     Raises:
         UserError: No channel changes.
     """
     values = np.stack([recording.signal(row).ravel() for row in rows.tolist()]).astype(np.float64)
-    centred = values - np.median(values, axis=0)
+    rest = recording.rest_signal()
+    centred = values - (np.median(values, axis=0) if rest is None else np.ravel(rest))
     scale = np.abs(centred).mean(axis=0)
     if not (scale > 0).any():
         raise UserError("no channel changes.")
@@ -379,35 +372,20 @@ def _unlike(
         presses: (N,) names of presses; a press is not compared with itself.
         facts: List to which findings are added.
     """
-    from scipy.spatial import cKDTree
-
     size = np.square(channels).mean(axis=1)
     strong = np.argsort(-size, kind="stable")[: max(_FEW, len(size) // 4)]
     channels, xy, presses = channels[strong], xy[strong], presses[strong]
-    most = int(np.unique(presses, return_counts=True)[1].max())
-    if most == len(presses):
-        return []
-    near = cKDTree(channels).query(channels, k=most + 1)[1]  # one of them is of another press
-    other = near[np.arange(len(near)), (presses[near] != presses[:, None]).argmax(axis=1)]
-    alike = [_rank_correlation(column, column[other]) for column in xy.T if changes(column)]
-    names = [name for name, column in zip("xy", xy.T, strict=True) if changes(column)]
-    facts += [
-        f"presses with channels alike have {name} alike: rank correlation {rank:.2f}"
-        for name, rank in zip(names, alike, strict=True)
-    ]
-    return [
-        f"presses with channels alike have no {name} alike (rank correlation {rank:.2f}, at least "
-        f"{LEAST_ALIKE:g} is needed): the column is another one, or rows are shifted"
-        for name, rank in zip(names, alike, strict=True)
-        if rank < LEAST_ALIKE
-    ]
-
-
-def _rank_correlation(first: FloatArray, second: FloatArray) -> float:
-    if len(first) < 3 or np.ptp(first) == 0 or np.ptp(second) == 0:
-        return 0.0
-    ranks = pd.DataFrame({"first": first, "second": second}).rank()
-    return float(np.corrcoef(ranks.to_numpy().T)[0, 1])  # scipy.stats takes seconds to import
+    wrong = []
+    for name, column in zip("xy", xy.T, strict=True):
+        rank = rank_of_alike(channels, column, presses) if changes(column) else None
+        if rank is None:
+            continue
+        facts.append(f"presses with channels alike have {name} alike: rank correlation {rank:.2f}")
+        if rank < LEAST_ALIKE:
+            short = f"rank correlation {rank:.2f}, at least {LEAST_ALIKE:g} is needed"
+            what = "it is another column, or rows are shifted"
+            wrong.append(f"presses with channels alike have no {name} alike ({short}): {what}")
+    return wrong
 
 
 def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str]:

@@ -23,18 +23,18 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from tactibench.datasets.folder import stuck_channels
 from tactibench.datasets.formats import same_places
-from tactibench.datasets.labels import shear_columns
-from tactibench.datasets.options import ImportOptions
+from tactibench.datasets.labels import ImportOptions, Labels, shear_columns
 from tactibench.datasets.pivot import middle_of_spread
 from tactibench.datasets.plausibility import changes, fit_places
 from tactibench.datasets.recording import Recording, label_values, unit_of
+from tactibench.datasets.roles import is_time
 from tactibench.datasets.schema import ChannelKind
-from tactibench.datasets.vectors import stuck_channels
-from tactibench.errors import UserError
+from tactibench.datasets.tables import spread_evenly
+from tactibench.errors import UserError, read_file
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench.images import gray
-from tactibench.png import read_file
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,6 +55,8 @@ _DEGREE, _TERMS = 8, 200
 over 30 mm."""
 _ROWS_A_TERM = 8
 """Rows that a term of the polynomial needs; otherwise its degree is lower."""
+_LEAST_PRESSES = 10 * _ROWS_A_TERM
+"""Presses from which a bound is told: ten terms are those of degree 2 in x, y and depth."""
 _APART = 0.1
 """Least share of the time's variance that the labels leave, so that drift is told from them."""
 _DIFFERS = 3.0
@@ -63,8 +65,6 @@ _IN_A_ROW, _SURE = 20, 0.95
 """Number of presses in order of depth of which this share differs from rest, from there on."""
 _STILL = 0.1
 """A pin that moves less than this share of what pins usually do is no pin: a reflection."""
-_TIMES = ("time", "timestamp", "time_s", "t", "stamp", "time_ms")
-"""Columns that hold the time, where no option names one."""
 _FAULTY = 0.01
 """Share of frames, pins or pixels that may be faulty before that is what limits a sensor."""
 
@@ -101,7 +101,7 @@ class Signals:
     """
 
     values: FloatArray
-    poses: Mapping[str, FloatArray]
+    poses: Labels
     asked: int
     times: FloatArray
     resting: npt.NDArray[np.bool_]
@@ -188,9 +188,7 @@ def measure_signals(signals: Signals, faults: Sequence[str] = ()) -> SensorRepor
         text = f"+- {scatter.drift_std:.2g}; straight line from the first to the last frame"
     lines.append(Measure("drift over the recording", drift, unit, text))
     bounds = _bounds(signals, poses, scatter) if signals.asked else {}
-    source = (
-        "of repeats" if scatter.repeated else "that labels leave: models may do a little better"
-    )
+    source = "of repeats" if scatter.repeated else "that labels leave: models may do better"
     for name, (bound, shift) in bounds.items():
         text = f"standard deviation; linear, from the scatter {source}"
         lines.append(Measure(f"best possible {name}", bound, unit_of(name), text))
@@ -202,7 +200,8 @@ def measure_signals(signals: Signals, faults: Sequence[str] = ()) -> SensorRepor
         size = np.sqrt(np.square(values - signals.rest).mean(axis=1))
         presses = signals.poses["depth"][~signals.resting], size[~signals.resting]
         lines.append(_smallest_press(*presses, hold))
-    limit = _limit(bounds, faults, repeated=scatter.repeated)
+    count = int((~signals.resting).sum()) if signals.asked else 0
+    limit = _limit(bounds, faults, count, repeated=scatter.repeated)
     return SensorReport(tuple(lines), limit, unit, scatter.course, presses)
 
 
@@ -234,7 +233,7 @@ def _scatter(signals: Signals, poses: FloatArray, groups: npt.NDArray[np.int64])
     std = scatter.size * span / math.sqrt(square)
     square_drift = max(_rms(slope * span) ** 2, 1e-24)
     shrink = math.sqrt(max(1 - std**2 / square_drift, 0.0))  # a part of its square is scatter
-    parts = np.array_split(np.argsort(left, kind="stable"), 10)
+    parts = np.array_split(np.argsort(left, kind="stable"), min(10, len(left)))
     return replace(
         scatter,
         drift=slope * span * shrink,
@@ -251,7 +250,7 @@ def _bounds(
 ) -> dict[str, tuple[float, float]]:
     """Return asked label -> its bound, and by how much the drift moves it; {} for few rows."""
     rows = np.flatnonzero(~signals.resting)
-    if len(rows) < 10 * _ROWS_A_TERM:
+    if len(rows) < _LEAST_PRESSES:
         return {}
     deviation = signals.values.std(axis=0)
     weight = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0)
@@ -306,13 +305,14 @@ def _smallest_press(depth: FloatArray, size: FloatArray, noise: float | None) ->
 
 
 def _limit(
-    bounds: Mapping[str, tuple[float, float]], faults: Sequence[str], *, repeated: bool
+    bounds: Mapping[str, tuple[float, float]], faults: Sequence[str], count: int, *, repeated: bool
 ) -> str:
     """Return in a sentence what limits a sensor."""
     if faults:
         return f"The recording limits the sensor: {faults[0]}."
     if not bounds:
-        return "What limits the sensor cannot be said: too few frames have labels of one contact."
+        few = f"{count:,} presses have labels of one contact, and {_LEAST_PRESSES} are needed"
+        return f"What limits the sensor cannot be said: {few}."
     times, name = max((shift / max(bound, 1e-12), n) for n, (bound, shift) in bounds.items())
     if times > 1:
         shift = f"{bounds[name][1]:.2g} {unit_of(name)}, {times:.1f} times the scatter of a press"
@@ -347,9 +347,7 @@ def _terms(scaled: FloatArray, degree: int) -> FloatArray:
 
 
 def report_sensor(
-    recording: Recording,
-    options: ImportOptions,
-    advance: Callable[[int], None] = lambda _: None,
+    recording: Recording, options: ImportOptions, advance: Callable[[int], None] = lambda _: None
 ) -> SensorReport:
     """Return how good the sensor of a recording is.
 
@@ -364,13 +362,13 @@ def report_sensor(
     poses, asked, resting = _poses(recording, options)
     times, ordered = _times(recording)
     if isinstance(recording.kind, ChannelKind):
-        unit, found = "", _channels(recording, poses)
+        unit, found = "as recorded", _channels(recording, poses)
     else:
         unit, found = "px", _pins(recording, poses, advance)
     rows, values, rest, lines, faults = found
     frozen = _frozen(recording)
     remark = f"of {len(recording):,}: equal to the one before"
-    lines += [Measure("frozen frames", frozen, "", remark), ordered]
+    lines += [Measure("frozen frames", frozen, "frames", remark), ordered]
     if frozen > _FAULTY * len(recording):
         faults.insert(0, f"{frozen:,} frames {remark}")
     there = np.isfinite(np.column_stack([*poses.values(), times])[rows]).all(axis=1)
@@ -419,29 +417,31 @@ def _times(recording: Recording) -> tuple[FloatArray, Measure]:
         extra = [recording.dataset.samples[row].extra for row in recording.rows]
         columns |= {name: [each.get(name, "") for each in extra] for name in extra[0]}
     name = "times out of order"
-    for column in (c for c in (joined, *_TIMES) if c in columns):
+    for column in (c for c in (joined, *filter(is_time, columns)) if c in columns):
         times = pd.to_numeric(pd.Series(columns[column]), errors="coerce").to_numpy(np.float64)
-        if np.isfinite(times).all():
-            return times, Measure(name, int((np.diff(times) < 0).sum()), "", f"column {column}")
+        if np.isfinite(times).all() and np.ptp(times) > 0:
+            return times, Measure(
+                name, int((np.diff(times) < 0).sum()), "frames", f"column {column}"
+            )
     remark = "no column of the time: rows are taken in their order"
-    return np.arange(float(len(recording))), Measure(name, None, "", remark)
+    return np.arange(float(len(recording))), Measure(name, None, "frames", remark)
 
 
-def _rows(poses: Mapping[str, FloatArray], count: int, most: int) -> npt.NDArray[np.intp]:
+def _rows(poses: Labels, count: int, most: int) -> npt.NDArray[np.intp]:
     """Return rows spread over a recording; with a press all that repeat it."""
     if count <= most or not poses:
-        return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+        return spread_evenly(count, most)
     group = same_places(np.nan_to_num(np.column_stack(list(poses.values()))))
     groups = np.unique(group)
-    share = np.linspace(0, len(groups) - 1, max(1, most * len(groups) // count))
-    return np.flatnonzero(np.isin(group, groups[share.round().astype(np.intp)]))
+    share = spread_evenly(len(groups), max(1, most * len(groups) // count))
+    return np.flatnonzero(np.isin(group, groups[share]))
 
 
 Found = tuple[npt.NDArray[np.intp], FloatArray, "FloatArray | None", list[Measure], list[str]]
 """Rows, their signals, the signal at rest, lines of the report, and faults in words."""
 
 
-def _channels(recording: Recording, poses: Mapping[str, FloatArray]) -> Found:
+def _channels(recording: Recording, poses: Labels) -> Found:
     """Return the channels, their rest, and which are dead or at a limit."""
     rows = _rows(poses, len(recording), MOST_ROWS)
     values = np.stack([np.ravel(recording.signal(row)) for row in rows.tolist()])
@@ -449,17 +449,15 @@ def _channels(recording: Recording, poses: Mapping[str, FloatArray]) -> Found:
     rest = recording.rest_signal()
     of = f"of {len(constant)}"
     lines = [
-        Measure("dead channels", int(constant.sum()), "", f"{of}: never change"),
-        Measure("saturated channels", int((at_limit > 0).sum()), "", f"{of}: stand at a limit"),
+        Measure("dead channels", int(constant.sum()), "channels", f"{of}: never change"),
+        Measure("saturated channels", int((at_limit > 0).sum()), "channels", f"{of}: at a limit"),
     ]
     faults = [f"{line.value:.0f} {of} are {line.name}" for line in lines if line.value]
     at_rest = None if rest is None else np.ravel(rest).astype(float)
     return rows, values.astype(float), at_rest, lines, faults
 
 
-def _pins(
-    recording: Recording, poses: Mapping[str, FloatArray], advance: Callable[[int], None]
-) -> Found:
+def _pins(recording: Recording, poses: Labels, advance: Callable[[int], None]) -> Found:
     """Return displacements of pins, and how many are found, lost and no pins."""
     from tactibench.markers import Tracker
 
@@ -485,9 +483,9 @@ def _pins(
     pins, travel = len(tracker.rest), moved.std(axis=0).mean(axis=1)
     still = int((travel < _STILL * np.median(travel)).sum())
     lines = [
-        Measure("pins found at rest", pins, "", f"followed in {len(rows):,} frames"),
+        Measure("pins found at rest", pins, "pins", f"followed in {len(rows):,} frames"),
         Measure("pins lost", 100 * lost, "%", "of the pins of a frame, hidden or run together"),
-        Measure("pins that never move", still, "", "reflections, or pins on the rim"),
+        Measure("pins that never move", still, "pins", "reflections, or pins on the rim"),
         *_scales(moved, tracker.rest, {name: column[rows] for name, column in poses.items()}),
     ]
     white = 100 * float(np.mean([part[2] for part in parts]))
@@ -501,7 +499,7 @@ def _pins(
     return rows, moved.reshape(len(rows), -1), still_px, lines, faults
 
 
-def _scales(moved: FloatArray, rest: FloatArray, poses: Mapping[str, FloatArray]) -> list[Measure]:
+def _scales(moved: FloatArray, rest: FloatArray, poses: Labels) -> list[Measure]:
     """Return by how many px the place about which pins spread moves per mm."""
     axes = {name: poses[name] for name in ("x", "y") if name in poses}
     if "tilt" in poses:  # a plate that is tilted touches the dome beside its apex

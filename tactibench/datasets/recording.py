@@ -16,11 +16,27 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Scene, Signal, Sites
-from tactibench.datasets.dataset import Dataset, Image, open_dataset
-from tactibench.datasets.labels import role_columns, scenes_of
-from tactibench.datasets.options import AUTO, EVEN, PLATE, ImportOptions
+from tactibench.datasets.labels import (
+    AUTO,
+    EVEN,
+    PLATE,
+    ImportOptions,
+    Labels,
+    role_columns,
+    scenes_of,
+)
 from tactibench.datasets.pictures import read_picture
-from tactibench.datasets.schema import IMAGES, JOURNAL, ChannelKind, Forces, Sample
+from tactibench.datasets.schema import (
+    IMAGES,
+    JOURNAL,
+    ChannelKind,
+    Dataset,
+    Forces,
+    Image,
+    Sample,
+    open_dataset,
+)
+from tactibench.datasets.tables import spread_evenly
 from tactibench.errors import UserError
 from tactibench.images import gray
 from tactibench.markers import PinView, choose_light, find_pin_view
@@ -30,24 +46,13 @@ FloatArray = npt.NDArray[np.float64]
 
 SOURCE_NAME = "source_name"
 """Key of a sample's ``extra``: the name of its frame in the folder that was imported."""
-BINS = 16
-"""Bins of a histogram: as many as fit beside the numbers on a terminal."""
 PIN_FRAMES = 64
 """Frames in which pins are counted: enough for a median, few enough for a second of work."""
 
-_BARS = " ▁▂▃▄▅▆▇█"
 _POSE = ("x", "y", "yaw", "tilt", "depth")
 _SHOWN_LABELS = 3
-_FIRST_LABELS = (
-    "pose.depth",
-    "pose.tilt",
-    "pose.x",
-    "pose.y",
-    "pose_2",
-    "pose_6",
-    "pose_y",
-    "pose_Rz",
-)
+_FIRST_LABELS = ["pose.depth", "pose.tilt", "pose.x", "pose.y"]
+_FIRST_LABELS += ["pose_2", "pose_6", "pose_y", "pose_Rz"]
 """Labels that say most; they come first."""
 _PROBES = 5
 """Frames in which pins are looked for both ways, beside the rest frame."""
@@ -103,7 +108,7 @@ class Recording:
     frames: Path
     stored: ImageKind | ChannelKind
     rest: Path | None
-    labels: Mapping[str, FloatArray]
+    labels: Labels
     scenes: tuple[Scene | None, ...]
     presses: tuple[str, ...]
     sha256: str
@@ -295,7 +300,7 @@ def prepare_frames(recording: Recording, light: str) -> Recording:
     Raises:
         UserError: Pins are to be cut out, and none are found.
     """
-    probes = np.linspace(0, len(recording) - 1, min(_PROBES, len(recording))).round().astype(int)
+    probes = spread_evenly(len(recording), _PROBES)
     try:
         rest = recording.rest_image()
         images = [] if rest is None else [rest]
@@ -361,69 +366,6 @@ def _hardly_pressed(scenes: tuple[Scene | None, ...]) -> list[int]:
     return least
 
 
-@dataclass(frozen=True)
-class LabelSummary:
-    """Range and histogram of a label.
-
-    Attributes:
-        name: The label.
-        unit: "mm", "deg", or "" where the name does not say.
-        low: Smallest value.
-        high: Largest value.
-        mean: Mean value.
-        counts: (BINS,) numbers of frames between low and high.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    mean: float
-    counts: tuple[int, ...]
-
-    @property
-    def constant(self) -> bool:
-        """True where all frames have the same value."""
-        return self.low == self.high
-
-    @property
-    def bars(self) -> str:
-        """One character per bin; the fullest is full, and a bin with any frame shows something."""
-        most = max(self.counts)
-        levels = (-(-count * (len(_BARS) - 1) // most) for count in self.counts)
-        return "".join(_BARS[level] for level in levels)
-
-
-@dataclass(frozen=True)
-class PinSummary:
-    """Pins in the frames of a recording.
-
-    Attributes:
-        frames: Number of frames in which pins were counted.
-        counts: Number of pins in each frame, 0 where there are none.
-        rest: Number of pins in the rest frame, None without a rest frame.
-        visible_share: Share of the frames in which every pin of the rest frame was seen.
-        moved_px: Largest displacement of a pin from rest, median over the frames.
-    """
-
-    frames: int
-    counts: tuple[int, ...]
-    rest: int | None
-    visible_share: float | None
-    moved_px: float | None
-
-    def __str__(self) -> str:
-        low, median, high = np.percentile(self.counts, (0, 50, 100)).astype(int)
-        count = f"{low}" if low == high else f"{low} to {high}"
-        text = f"pins in {self.frames} frames: {count} found, {median} in the median"
-        if self.rest is not None:
-            text += f"; {self.rest} in the rest frame"
-        if self.visible_share is not None and self.moved_px is not None:
-            text += f", all of them seen in {self.visible_share:.0%} of the frames, moved up to "
-            text += f"{self.moved_px:.1f} px in the median frame"
-        return text
-
-
 def label_values(recording: Recording) -> dict[str, FloatArray]:
     """Return name -> (N,) of every number that is known of the frames, NaN where a frame has none.
 
@@ -438,19 +380,11 @@ def label_values(recording: Recording) -> dict[str, FloatArray]:
     return values | dict(recording.labels)
 
 
-def summarize_labels(values: Mapping[str, FloatArray]) -> list[LabelSummary]:
-    """Return range and histogram of every label that any frame has."""
-    summaries = []
-    for name, column in values.items():
-        finite = column[np.isfinite(column)]
-        if len(finite):
-            low, high = float(finite.min()), float(finite.max())
-            counts, _ = np.histogram(finite, BINS, range=(low, high if high > low else low + 1))
-            bins = tuple(counts.tolist())
-            summaries.append(
-                LabelSummary(name, unit_of(name), low, high, float(finite.mean()), bins)
-            )
-    return summaries
+def label_ranges(recording: Recording) -> dict[str, tuple[float, float, float]]:
+    """Return label -> its least, mean and largest value, of every label that any frame has."""
+    values = label_values(recording).items()
+    known = {name: kept for name, column in values if len(kept := column[np.isfinite(column)])}
+    return {n: (float(v.min()), float(v.mean()), float(v.max())) for n, v in known.items()}
 
 
 def unit_of(name: str) -> str:
@@ -466,45 +400,31 @@ def unit_of(name: str) -> str:
     return ""
 
 
-def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
-    """Count the pins in frames evenly spread over the table, and follow them from rest.
+def pin_counts(recording: Recording, most: int = PIN_FRAMES) -> tuple[list[int], int | None]:
+    """Return the numbers of pins in frames spread over the table, and in the rest frame.
 
     Args:
         recording: The recording.
         most: Largest number of frames to look at.
+
+    Returns:
+        The number for every frame, 0 for fewer than three pins, and None without a rest frame.
     """
-    from tactibench.markers import Tracker, count_pins
+    from tactibench.markers import count_pins
 
-    count = min(most, len(recording))
-    rows = np.linspace(0, len(recording) - 1, count).round().astype(int).tolist()
-    images = [gray(recording.image(row)) for row in rows]
-    counts = []
-    for image in images:
+    def count(image: Image) -> int:
         try:
-            counts.append(count_pins(image))
+            return count_pins(gray(image))
         except UserError:  # fewer than three pins
-            counts.append(0)
+            return 0
+
+    rows = spread_evenly(len(recording), most)
     rest = recording.rest_image()
-    try:
-        tracker = None if rest is None else Tracker(gray(rest))
-    except UserError:
-        tracker = None
-    if tracker is None:
-        return PinSummary(len(rows), tuple(counts), None if rest is None else 0, None, None)
-    tracks = tracker.track(np.stack(images))
-    moved = np.linalg.norm(tracks.xy - tracker.rest, axis=2).max(axis=1)
-    return PinSummary(
-        len(rows),
-        tuple(counts),
-        len(tracker.rest),
-        float(tracks.seen.all(axis=1).mean()),
-        float(np.median(moved)),
-    )
+    counts = [count(recording.image(row)) for row in rows.tolist()]
+    return counts, None if rest is None else count(rest)
 
 
-def spread_rows(
-    values: Mapping[str, FloatArray], frames: int, count: int
-) -> tuple[list[str], list[int]]:
+def spread_rows(values: Labels, frames: int, count: int) -> tuple[list[str], list[int]]:
     """Return the labels that change, and rows of frames evenly spread over the first of them.
 
     Args:
@@ -516,5 +436,4 @@ def spread_rows(
     changing.sort(key=lambda n: _FIRST_LABELS.index(n) if n in _FIRST_LABELS else 99)
     names = changing[:_SHOWN_LABELS]
     order = np.lexsort([values[name] for name in reversed(names)]) if names else np.arange(frames)
-    rows = order[np.linspace(0, frames - 1, min(count, frames)).round().astype(int)]
-    return names, rows.tolist()
+    return names, order[spread_evenly(frames, count)].tolist()

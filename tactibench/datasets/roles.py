@@ -10,19 +10,22 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
+import numpy.typing as npt
 
-from tactibench.datasets.options import MM_PER, stated_unit, unit_word
-from tactibench.datasets.tables import FloatArray, Table, shown
+from tactibench.datasets.formats import GATHERED, spacing_in_groups
+from tactibench.datasets.labels import MM_PER, named, stated_unit, texts, unit_factor, unit_word
+from tactibench.datasets.tables import FloatArray, Table, rank_of_alike, shown, spread_evenly
 from tactibench.errors import UserError
 
 _AXES = {
     "x": r"x|[cp]x|pos(ition)?x|x(c|pos)",
     "y": r"y|[cp]y|pos(ition)?y|y(c|pos)",
-    "depth": r".*depth|indentation|indent|penetration",
+    "depth": r".*(depth|tiefe)|indentation|indent|penetration|\u6df1\u5ea6|\u538b\u6df1",
     "z": r"z|[cp]z|pos(ition)?z|z(c|pos)|height",
-    "force": r"force|load|f[zn]",
+    "force": r"force|load|f[zn]|(normal)?kraft|\u529b|\u538b\u529b",
     "spacing": r"spacing|separation|gap",
     "yaw": r"yaw|rot(ation)?|orientation|angle|theta",
     "press": r"press(es)?|trial|touch|poke|tap|contact|episode|event|grasp|seq(uence)?|stroke|run"
@@ -33,6 +36,7 @@ _AXES = {
 _USUAL = {
     *("contact", "tip", "probe", "indenter", "press", "position", "pos", "point", "location"),
     *("center", "centre", "coord", "coordinate", "label", "true", "stage", "robot", "tool", "tcp"),
+    *("koordinate", "\u5750\u6807", "\u4f4d\u7f6e"),
 }
 """Words beside an axis that are surely of the place that was pressed."""
 _ELSE = {
@@ -43,6 +47,7 @@ _ELSE = {
     *("noise", "offset", "gripper", "image", "bit", "move", "temp", "temperature", "wrench"),
     *("fx", "fy", "fz", "sigma", "rms", "twist", "normal", "gel", "base", "displacement", "disp"),
     *("flow", "slip", "drag", "strain", "stress", "pressure", "deformation", "voltage", "current"),
+    *("idx", "index"),
 }
 """Words beside an axis that name another quantity, or another thing than the tip."""
 _NARROWEST_MM, _WIDEST_MM = 3.0, 300.0
@@ -50,12 +55,35 @@ _NARROWEST_MM, _WIDEST_MM = 3.0, 300.0
 _ALIKE = 0.6
 """Least rank correlation of a column with itself in the row whose channels are most alike: .9 and
 more for the places of a skin, 0 for what has no part in the signal."""
+_FEWEST_ALIKE = 60
+"""Fewest rows of which places are compared."""
+_LOOKED_AT = 200
+"""Most rows of which depths are compared."""
 _FOLLOWS = 0.3
-"""Least rank correlation of a height with the strength of the signal, to tell its sign."""
+"""Least rank correlation of a height with how far signals of like heights are apart, to tell its
+sign."""
 _FEWEST_ROWS = 20
 """Rows from which a correlation of that size is no chance."""
+_LAGS = 10
+"""Rows of like heights are a tenth of all apart in their order, so that two are of two presses."""
 _FEWEST_PRESSES = 10
-"""Presses of a recording; a column with fewer names sessions, unless its rows share a place."""
+"""Presses from which rows that are near each other are no chance."""
+_HOVER, _FLAT = 9, 0.05
+"""Fewest rows above the sensor from which first touch is told, and the largest spread of their
+signal, as a share of what the deepest presses change. A press that grows from 0 to a quarter of its
+depth changes the signal by .1 and more."""
+_FEWEST_FELT = 5
+"""Fewest presses that a line is laid through."""
+_OFF_MM, _OFF_DEPTH_MM = 0.5, 1.5
+"""A zero of a height, or of a depth, that is closer to first touch is right: light touches change
+no signal."""
+_APART = 0.8
+"""Largest ``spacing_in_groups`` of a column that is called a press, or whose rows stand together: a
+slide across the sensor has .7."""
+_TIME = {"t", "time", "timestamp", "stamp", "sec", "secs", "second", "seconds", "date", "datetime"}
+"""Words of columns that divide rows by time alone."""
+_SHALLOW_MM, _DEEP_MM = 0.1, 30.0
+"""Limits of the deepest press of a recording."""
 _FAR_MM = 20.0
 """No soft sensor is pressed so deep: such depths are heights of a robot."""
 _MOST_TURN = 6.3
@@ -69,17 +97,15 @@ class Evidence:
     """What the signal says of columns, and what was found out about them.
 
     Attributes:
-        strength: Returns how far the signal of every row is from the usual one, (N,), NaN where it
-            was not looked at.
-        alike: Returns the rank correlation of values with those of the rows most alike, None where
-            it cannot be told.
+        signals: Returns the signals of (n,) rows, (n, F), NaN where they cannot be looked at.
+        most: Most rows to look at.
         options: Option -> value as text.
         remarks: Option -> the evidence, or what a person should check.
         unused: Column -> the reason why it has no role.
     """
 
-    strength: Callable[[], FloatArray]
-    alike: Callable[[FloatArray], float | None]
+    signals: Callable[[npt.NDArray[np.intp]], FloatArray]
+    most: int
     options: dict[str, str] = field(default_factory=dict)
     remarks: dict[str, str] = field(default_factory=dict)
     unused: dict[str, str] = field(default_factory=dict)
@@ -93,12 +119,16 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Name:
-    """A column's name taken apart: "contactX_1 [mm]" is axis x, number 1, beside it contact."""
+    """A column's name taken apart: "contactX_1 [mm]" is axis x, number 1, beside it contact.
+
+    The form is the axis' word without the axis: c of cx, pos of xpos.
+    """
 
     column: str
     axis: str
     number: str
     beside: tuple[str, ...]
+    form: str = ""
 
     @property
     def is_else(self) -> bool:
@@ -108,7 +138,7 @@ class Name:
 
 def words(name: str) -> list[str]:
     """Return the words and numbers in a column's name."""
-    parts = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    parts = re.sub(r"([a-z])([A-Z])|([A-Za-z])(?=[\u4e00-\u9fff])", r"\1\3 \2", name)
     return [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", parts)]
 
 
@@ -122,7 +152,8 @@ def take_apart(column: str) -> Name:
     for axis, pattern in _AXES.items():
         for at, word in enumerate(parts):
             if re.fullmatch(pattern, word):
-                return Name(column, axis, number, tuple(parts[:at] + parts[at + 1 :]))
+                beside = tuple(parts[:at] + parts[at + 1 :])
+                return Name(column, axis, number, beside, word.replace(axis, "", 1))
     return Name(column, "", number, tuple(parts))
 
 
@@ -152,10 +183,13 @@ def find_roles(table: Table, columns: Sequence[str], evidence: Evidence) -> None
         _find_places(table, names, evidence)
     for axis in "xy":
         if axis not in options:
+            for name in set(table.columns) - set(columns):
+                if (part := take_apart(name)).axis == axis and not part.is_else:
+                    table.numbers(name, allow_empty=True)  # its error names the cell
             raise UserError(
                 f"{table.path} has no column that is surely {axis}; its columns are "
                 f"{shown(table.columns)}. Say which it is with --param {axis}=COLUMN; of a plate, "
-                "`tactibench data fit` reads the tilt."
+                "see `tactibench data fit`."
             )
     _find_unit(table, evidence)
     if "depth" not in options:
@@ -166,7 +200,7 @@ def find_roles(table: Table, columns: Sequence[str], evidence: Evidence) -> None
     turned = any(name.axis == "yaw" and not name.is_else for name in names)
     if spacing and options.get("indenter", "dual") == "dual" and (turned or "yaw" in options):
         evidence.give("spacing", spacing[0])
-    unused |= dict.fromkeys(spacing, "a pair without a turn? write indenter=dual spacing=COLUMN")
+    unused |= dict.fromkeys(spacing, 'may be of a pair without a turn; write indenter = "dual"')
     if "spacing" in options:
         evidence.give("indenter", "dual")
         _find_turn(table, names, evidence)
@@ -177,59 +211,52 @@ def find_roles(table: Table, columns: Sequence[str], evidence: Evidence) -> None
 
 def _values(table: Table, text: str) -> FloatArray:
     """Return the values of columns in a list, negated where a name begins with '-'."""
-    return np.concatenate(
-        [
-            (-1.0 if name.startswith("-") else 1.0)
-            * table.numbers(name.strip().removeprefix("-"), allow_empty=True)
-            for name in text.split(",")
-        ]
-    )
+    signs = [(-1.0 if name.startswith("-") else 1.0) for name in texts(text)]
+    columns = [table.numbers(name, allow_empty=True) for name in named(text)]
+    return np.concatenate([sign * column for sign, column in zip(signs, columns, strict=True)])
 
 
 def _span(table: Table, text: str) -> float:
-    values = _values(table, text)
-    return float(np.nanmax(values) - np.nanmin(values))
+    return float(np.nanmax(values := _values(table, text)) - np.nanmin(values))
 
 
 def _quaternions(table: Table, names: Sequence[Name]) -> Iterator[set[str]]:
     """Yield the columns x, y, z, w whose squares sum to 1 in all rows: an orientation."""
-    by_axis = {axis: [name for name in names if name.axis == axis] for axis in "xyzw"}
-    for w in by_axis["w"]:
-        for x in by_axis["x"]:
-            rest = [
-                name.column
-                for axis in "yz"
-                for name in by_axis[axis]
-                if (name.beside, name.number) == (x.beside, x.number)
-            ]
-            four = [x.column, *rest, w.column]
-            norm = sum(np.square(_values(table, column)) for column in four)
-            if len(four) == 4 and np.allclose(norm, 1.0, atol=0.02):
-                yield set(four)
+    vectors: dict[tuple[object, ...], list[str]] = {}
+    for name in names:
+        if name.axis in ("x", "y", "z"):
+            vectors.setdefault((name.beside, name.number), []).append(name.column)
+    for w in (name.column for name in names if name.axis == "w"):
+        for three in (vector for vector in vectors.values() if len(vector) == 3):
+            squares = [np.square(_values(table, column)) for column in (*three, w)]
+            if np.allclose(sum(squares), 1.0, atol=0.02):
+                yield {*three, w}
 
 
 def _find_places(table: Table, names: Sequence[Name], evidence: Evidence) -> None:
     """Find x and y, of one tip or of several that are numbered and have depths of their own."""
-    fit: dict[tuple[str, ...], dict[str, tuple[Name, Name]]] = {}
-    for x in names:
-        for y in names:
-            same = (x.axis, y.axis) == ("x", "y") and (x.beside, x.number) == (y.beside, y.number)
-            lengths = all(stated_unit(n.column) in (None, *MM_PER) for n in (x, y))
-            if not (same and lengths) or x.is_else:
-                continue
-            if len(table) < _FEWEST_ROWS or any(_span(table, n.column) for n in (x, y)):
-                fit.setdefault(x.beside, {})[x.number] = (x, y)
+    fit: dict[tuple[tuple[str, ...], str], dict[str, tuple[Name, Name]]] = {}
+    lengths = [n for n in names if not n.is_else and stated_unit(n.column) in (None, *MM_PER)]
+    for x, y in product(lengths, lengths):
+        same = (x.beside, x.form, x.number) == (y.beside, y.form, y.number)
+        if (
+            (x.axis, y.axis) == ("x", "y")
+            and same
+            and (len(table) < _FEWEST_ROWS or any(_span(table, n.column) for n in (x, y)))
+        ):
+            fit.setdefault((x.beside, x.form), {})[x.number] = (x, y)
     if not fit:
         _find_unnamed_places(table, names, evidence)
         return
-    unusual = {beside: len({*beside} - _USUAL) for beside in fit}
-    best = [beside for beside in fit if unusual[beside] == min(unusual.values())]
+    pairs_in = {key: [n.column for n in next(iter(pairs.values()))] for key, pairs in fit.items()}
+    unusual = {
+        key: (len({*key[0]} - _USUAL), sum(stated_unit(column) is None for column in columns))
+        for key, columns in pairs_in.items()
+    }
+    best = [key for key in fit if unusual[key] == min(unusual.values())]
     if len(best) > 1:
-        pairs = [", ".join(n.column for n in next(iter(fit[beside].values()))) for beside in best]
-        raise UserError(
-            f"{table.path}: {' or '.join(pairs)} may be the places; say which with --param "
-            "x=COLUMN --param y=COLUMN."
-        )
+        either = " or ".join(", ".join(pairs_in[key]) for key in best)
+        raise UserError(f"{table.path}: {either} may be the places; say it with --param x=COLUMN.")
     pairs_of = fit[best[0]]
     numbers = sorted(pairs_of, key=lambda number: (len(number), number))
     depths = [
@@ -249,9 +276,8 @@ def _find_places(table: Table, names: Sequence[Name], evidence: Evidence) -> Non
             f"{table.path}: {pair} have no depth of their own, so that they are no second tip for "
             "sure; say what the places are with --param x=COLUMN --param y=COLUMN."
         )
-    x_name, y_name = pairs_of[numbers[0]]
-    evidence.give("x", x_name.column)
-    evidence.give("y", y_name.column)
+    for name in pairs_of[numbers[0]]:
+        evidence.give(name.axis, name.column)
     for number in numbers[1:]:
         for name in pairs_of[number]:
             evidence.unused[name.column] = "no second tip: its places are not those of one"
@@ -259,15 +285,13 @@ def _find_places(table: Table, names: Sequence[Name], evidence: Evidence) -> Non
 
 def _is_other_tip(table: Table, first: Sequence[Name], other: Sequence[Name]) -> bool:
     """Return whether places lie where those of the first tip do, but not right at them."""
-    apart = []
-    for one, two in zip(first, other, strict=True):
-        a, b = (_values(table, name.column) for name in (one, two))
-        wide, span = (np.nanmax(values) - np.nanmin(values) for values in (a, b))
-        away = abs(np.nanmedian(a) - np.nanmedian(b))
-        if len(a) >= _FEWEST_ROWS and (not wide / 4 <= span <= 4 * wide or away > 2 * wide):
-            return False
-        apart.append(np.abs(a - b) > 0.1 * wide)
-    return bool(np.mean(apart[0] | apart[1]) > 0.5) or len(table) < _FEWEST_ROWS
+    a, b = (np.array([_values(table, n.column) for n in names]) for names in (first, other))
+    wide, span = (np.nanmax(each, axis=1) - np.nanmin(each, axis=1) for each in (a, b))
+    away = np.abs(np.nanmedian(a, axis=1) - np.nanmedian(b, axis=1))
+    alike = ((wide / 4 <= span) & (span <= 4 * wide) & (away <= 2 * wide.max())).all()
+    # A tip may seldom press: rows of both tell.
+    apart = (np.abs(a - b) > 0.1 * wide[:, None]).any(axis=0)[np.isfinite(a - b).all(axis=0)]
+    return bool(alike and apart.mean() > 0.5) or len(table) < _FEWEST_ROWS
 
 
 def _find_unnamed_places(table: Table, names: Sequence[Name], evidence: Evidence) -> None:
@@ -281,20 +305,29 @@ def _find_unnamed_places(table: Table, names: Sequence[Name], evidence: Evidence
     if len(may_be) < 2 or (table.header and not table.arrays):
         return
     x, y = may_be[:2]
-    ranks = [evidence.alike(_values(table, column)) or 0.0 for column in (x, y)]
+    ranks = [_alike(_values(table, column), evidence) for column in (x, y)]
     spans = [_span(table, column) for column in (x, y)]
     if min(ranks) >= _ALIKE and max(spans) <= 10 * min(spans):
         said = "no name says it: the first two columns that rows with a like signal share"
         evidence.give("x", x, f"{said} (rank correlation {ranks[0]:.2f}); check it")
         evidence.give("y", y, f"likewise ({ranks[1]:.2f})")
-        for column in may_be[2:]:
-            evidence.unused[column] = f"a depth or a force? write depth={column} or force={column}"
+        for c in may_be[2:]:
+            evidence.unused[c] = f'may be a depth or a force; write depth = "{c}" or force = "{c}"'
+
+
+def _alike(values: FloatArray, evidence: Evidence) -> float:
+    """Return ``rank_of_alike`` of values, 0 of few rows or where it cannot be told."""
+    rows = spread_evenly(len(values), evidence.most)
+    signals, chosen = evidence.signals(rows), values[rows]
+    if len(rows) < _FEWEST_ALIKE or np.isnan(chosen).any() or np.isnan(signals).any():
+        return 0.0
+    return rank_of_alike(signals, chosen) or 0.0
 
 
 def _find_unit(table: Table, evidence: Evidence) -> None:
     """Tell the unit of places from their names, or from their range where only one can be."""
     options = evidence.options
-    columns = [name.strip().removeprefix("-") for r in "xy" for name in options[r].split(",")]
+    columns = [*named(options["x"]), *named(options["y"])]
     units = {unit for column in columns if (unit := stated_unit(column)) in MM_PER}
     if "unit" in options or all(stated_unit(column) in MM_PER for column in columns):
         return
@@ -310,7 +343,8 @@ def _find_unit(table: Table, evidence: Evidence) -> None:
             )
         evidence.give("unit", "m", f"places span {span:.4g}; no sensor is so narrow in mm")
     else:
-        evidence.remarks.setdefault("x", f"no unit is stated; places span {span:.4g}: taken as mm")
+        said = f"no unit is stated; places span {span:.4g}: taken as mm (unit=cm: say so)"
+        evidence.remarks.setdefault("x", said)
 
 
 def _find_depth(table: Table, names: Sequence[Name], evidence: Evidence) -> None:
@@ -326,53 +360,76 @@ def _find_depth(table: Table, names: Sequence[Name], evidence: Evidence) -> None
         fewest = min(len(name.beside) for name in depths)
         depths = [name for name in depths if len(name.beside) == fewest]
     if len(depths) > 1:
-        raise UserError(
-            f"{table.path}: {' or '.join(n.column for n in depths)} may be the depth; say which "
-            "with --param depth=COLUMN."
-        )
-    unnamed = [column for column, why in unused.items() if why.startswith("a depth or")]
+        either = " or ".join(name.column for name in depths)
+        raise UserError(f"{table.path}: {either} may be the depth; say which with depth=COLUMN.")
+    unnamed = [column for column, why in unused.items() if why.startswith("may be a depth")]
     column = next((name.column for name in [*depths, *heights]), unnamed[0] if unnamed else "")
     if not column:
         return
-    values = _millimetres(table, column, options)
+    values, many = _millimetres(table, column, options), len(table) >= _FEWEST_ROWS
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    follows = _correlation(values, evidence.strength())
-    said = "" if follows is None else f"the signal follows it (rank correlation {follows:.2f})"
+    follows = _follows(*_look(table, values, evidence))
+    said = f"the signal follows it (correlation {follows:.2f})" if follows else ""
     far = max(abs(low), abs(high)) > _FAR_MM
-    if not depths and len(table) >= _FEWEST_ROWS and high - low < 0.3:
+    if not depths and many and high - low < 0.3:
         unused[column] = f"a height that changes by {high - low:.2g} mm only: no depth"
         return
-    if column in unnamed and not (far and follows and abs(follows) >= _FOLLOWS):
+    if column in unnamed and not (far and abs(follows) >= _FOLLOWS):
         return
-    if not depths and follows is not None and abs(follows) >= _FOLLOWS:
+    sign, crosses = "-" if float(np.nanmedian(values)) < 0 else "", min(-low, high) > _SHALLOW_MM
+    if (crosses or not depths) and abs(follows) >= _FOLLOWS:
         sign = "-" if follows < 0 else ""
-    elif not depths and (far or low < 0 < high):
-        unused[column] = f"is deeper up or down? write depth={column} or depth=-{column}"
+    elif crosses or (not depths and (far or many)):  # rows may hover, whatever the name
+        unused[column] = f'may be the depth; write depth = "{column}" or depth = "-{column}"'
         return
     else:
-        sign = "-" if float(np.nanmedian(values)) < 0 else ""
         said = f"{'negative' if sign else 'larger'} values are taken as deeper; {said}".rstrip("; ")
+    deepest = max(-low if sign else high, 0.0)
+    if many and depths and not _SHALLOW_MM <= deepest <= _DEEP_MM + max(low, 0):
+        raise UserError(
+            f"{table.path}: {column} would reach {deepest:.3g} mm, which no press does; write its "
+            f"unit into its name, such as {column} [um], or name another with depth=COLUMN."
+        )
     unused.pop(column, None)
     evidence.give("depth", f"{sign}{column}", said)
 
 
 def _millimetres(table: Table, column: str, options: dict[str, str]) -> FloatArray:
-    stated = stated_unit(column.removeprefix("-"))
-    return (
-        _values(table, column) * MM_PER[stated if stated in MM_PER else options.get("unit", "mm")]
-    )
+    factor = unit_factor(column.removeprefix("-"), MM_PER, options.get("unit", "mm"))
+    return _values(table, column) * factor
 
 
-def _correlation(first: FloatArray, second: FloatArray) -> float | None:
-    """Return the rank correlation over rows that have both, None where there are few."""
-    from scipy.stats import spearmanr
+def _look(table: Table, values: FloatArray, evidence: Evidence) -> tuple[FloatArray, FloatArray]:
+    """Return some of the (N,) values in their order, and the signals of their rows.
 
-    if len(first) != len(second):
-        return None
-    both = np.isfinite(first) & np.isfinite(second)
-    if np.sum(both) < _FEWEST_ROWS or min(np.ptp(first[both]), np.ptp(second[both])) == 0:
-        return None
-    return float(spearmanr(first[both], second[both]).statistic)
+    Half of the rows are spread over the order of the values and half over their range, so that it
+    does not matter how many of them hover. Rows of one pose are one press.
+    """
+    columns = [c for axis in "xy" for c in named(evidence.options[axis]) if c in table.cells]
+    poses = np.column_stack([values, *(_values(table, column) for column in columns)])
+    rows = np.unique(poses, axis=0, return_index=True)[1]
+    rows = rows[np.isfinite(values[rows])]  # in the order of the values, which stand first
+    if not len(rows):
+        return np.empty(0), np.empty((0, 1))
+    half = min(evidence.most, _LOOKED_AT) // 2
+    even = spread_evenly(len(rows), half)
+    levels = np.linspace(values[rows[0]], values[rows[-1]], half)
+    rows = rows[np.union1d(even, np.searchsorted(values[rows], levels))]
+    signals = evidence.signals(rows)
+    seen = np.isfinite(signals).all(axis=1)
+    return values[rows[seen]], signals[seen]
+
+
+def _follows(values: FloatArray, signals: FloatArray) -> float:
+    """Return the correlation of the order of values with how far signals of like values are apart.
+
+    Above the sensor signals are alike; the deeper presses are, the more they tell their places.
+    """
+    if len(values) < _FEWEST_ROWS:
+        return 0.0
+    lag = len(values) // _LAGS
+    apart = np.sqrt(np.square(signals[lag:] - signals[:-lag]).mean(axis=1))
+    return float(np.corrcoef(np.arange(len(apart)), apart)[0, 1]) if np.ptp(apart) > 0 else 0.0
 
 
 def _find_force(table: Table, names: Sequence[Name], evidence: Evidence) -> None:
@@ -390,7 +447,7 @@ def _find_force(table: Table, names: Sequence[Name], evidence: Evidence) -> None
         sign = "-" if float(np.nanmedian(values)) < 0 else ""
         largest, least = np.nanmax(np.abs(values)), np.nanmin(-values if sign else values)
         if len(normal) > 1 or stated_unit(name.column) not in (None, "N"):
-            evidence.unused[name.column] = f"a force? in N, write force={name.column}"
+            evidence.unused[name.column] = f'may be a force, in N: force = "{name.column}"'
         elif not 0 < largest <= _MOST_NEWTON or least < -0.1 * largest:
             evidence.unused[name.column] = "no normal force in N: its range is none of one"
         else:
@@ -419,21 +476,70 @@ def _find_turn(table: Table, names: Sequence[Name], evidence: Evidence) -> None:
 def _find_zeros(table: Table, evidence: Evidence) -> None:
     """Guess where places and depths are 0, which no table says."""
     options = evidence.options
+    touching: npt.NDArray[np.bool_] = np.ones(len(table), dtype=bool)
+    if "depth" in options:
+        columns = options["depth"].split(",")
+        values = np.stack([_millimetres(table, column, options) for column in columns])
+        least, first = float(np.nanmin(values)), None
+        if len(columns) == 1:
+            first = _first_touch(*_look(table, values[0], evidence))
+        is_depth = take_apart(columns[0].removeprefix("-")).axis == "depth"
+        if first is not None and abs(first) > (_OFF_DEPTH_MM if is_depth else _OFF_MM):
+            said = f"first touch, above which the signal does not change, is at {first:.4g} mm"
+            evidence.give("offset_mm", f"{-first:.6g}", f"{said}: check it")
+        elif first is None and (least > _FAR_MM or np.nanmax(values) <= 0):
+            evidence.give("offset_mm", f"{-least:.6g}", "the shallowest is taken as first touch")
+        hovers = np.asarray(values + float(options.get("offset_mm", 0)) <= 0).all(axis=0)
+        touching = np.asarray(~hovers | hovers.all())
     for axis in "xy":  # a zero is that of the column as it stands, also where it is negated
-        columns = [text.strip().removeprefix("-") for text in options[axis].split(",")]
+        columns = named(options[axis])
         if not all(column in table.cells for column in columns):
             continue
-        values = np.concatenate([_millimetres(table, column, options) for column in columns])
+        values = np.stack([_millimetres(table, column, options) for column in columns])[:, touching]
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         if abs(low + high) > (high - low) / 2:
             said = f"the middle of {low:.4g} to {high:.4g} mm: check it"
             evidence.give(f"{axis}_zero_mm", f"{(low + high) / 2:.6g}", said)
-    if "depth" in options:
-        columns = options["depth"].split(",")
-        values = np.concatenate([_millimetres(table, column, options) for column in columns])
-        low = float(np.nanmin(values))
-        if low > _FAR_MM or np.nanmax(values) <= 0:
-            evidence.give("offset_mm", f"{-low:.6g}", "the shallowest is taken as first touch")
+
+
+def _first_touch(depth: FloatArray, signals: FloatArray) -> float | None:
+    """Return the depth at first touch, None where no rows hover above the sensor for sure.
+
+    Rows hover where the shallowest quarter of the depths has one signal.
+
+    Args:
+        depth: (N,) depths with any zero, in order, mm.
+        signals: (N, F) their signals.
+    """
+    from scipy.stats import theilslopes
+
+    span = np.ptp(depth) if len(depth) else 0.0
+    count = max(_HOVER, int((depth < depth[:1] + span / 4).sum()))
+    if count >= len(depth) or depth[count - 1] > depth[0] + span / 2:
+        return None
+    rest = np.median(signals[:count], axis=0)
+    strength = np.sqrt(np.square(signals - rest).mean(axis=1))
+    low, level, high = np.quantile(strength[:count], (0.05, 0.5, 0.95))
+    flat = _FLAT * (np.median(strength[depth > depth[-1] - span / 4]) - level)
+    same = np.abs(strength - level) <= flat
+    after = np.convolve(same, np.ones(_HOVER))[_HOVER - 1 :]  # of each row and the 8 deeper ones
+    felt = np.flatnonzero(~same & (after < _HOVER / 2))
+    if high - low > flat or not len(felt):
+        return None
+    deep = depth[felt[0] :]
+    if len(deep) < _FEWEST_FELT:  # too few presses for a line
+        return float(deep[0])
+    # Light touches hide in the noise: a line through the others tells where the signal began.
+    signal = np.sqrt(np.maximum(strength[felt[0] :] ** 2 - level**2, 0.0))
+    slope, intercept, *_ = theilslopes(signal, deep)
+    began = -intercept / slope if slope > 0 else np.inf
+    return float(np.clip(began, depth[0], deep[0]))
+
+
+def is_time(column: str) -> bool:
+    """Return whether a column's name says a time and nothing else, as ``time [s]`` or ``t_ms``."""
+    part = take_apart(column)
+    return not part.axis and bool(part.beside) and {*part.beside} <= _TIME
 
 
 def counts_up(table: Table, column: str) -> bool:
@@ -443,26 +549,37 @@ def counts_up(table: Table, column: str) -> bool:
 
 
 def find_press(table: Table, columns: Sequence[str], evidence: Evidence) -> None:
-    """Find the column whose rows are frames of one press: together in time, or at one place."""
-    places = np.zeros((len(table), 2))
-    if evidence.options["indenter"] != "tips":
-        places = np.column_stack([_values(table, evidence.options[axis]) for axis in "xy"])
-    extent = np.maximum(np.ptp(places, axis=0), 1e-12)
-    for column in columns:
-        taken = "press" in evidence.options or column in evidence.options.values()
-        if taken or take_apart(column).axis != "press":
+    """Find the column whose rows are frames of one press: together in time, or near each other.
+
+    A column that is called otherwise must hold no measurement and no time, and have rows of many
+    presses.
+    """
+    options = evidence.options
+    tips = [name for axis in "xy" for name in named(options[axis]) if name in table.cells]
+    places = np.array([_values(table, name) for name in tips]).reshape(len(tips), -1).T
+    of_press = {column: take_apart(column).axis == "press" for column in columns}
+    for column in sorted(columns, key=lambda column: not of_press[column]):
+        if "press" in options or column in options.values():
             continue
-        cells = np.unique([str(cell) for cell in table.cells[column]], return_inverse=True)[1]
-        changes = int((np.diff(cells) != 0).sum()) + 1
-        groups = len(set(cells.tolist()))
-        spans = [np.ptp(places[cells == group], axis=0) / extent for group in range(groups)]
-        wide = float(np.median(np.max(spans, axis=1)))
-        if groups in (1, len(cells)) or (changes > groups and wide > 0.1):
-            evidence.unused[column] = "its rows are not together, so that it numbers no presses"
-        elif groups < _FEWEST_PRESSES and wide > 0.5:
-            evidence.unused[column] = "a session: its rows are at places all over the sensor"
-        else:
-            evidence.give("press", column, "frames of one press train or test, never both")
+        group = np.unique(list(map(str, table.cells[column])), return_inverse=True)[1]
+        count = np.bincount(group)
+        apart = spacing_in_groups(places, group)
+        stands = int((np.diff(group) != 0).sum()) + 1 == len(count)
+        if of_press[column]:
+            if len(count) in (1, len(group)) or not (stands or apart <= _APART):
+                evidence.unused[column] = "its rows are not together: it numbers no presses"
+            elif apart > _APART:
+                evidence.unused[column] = "a session: its rows are at places all over the sensor"
+            else:
+                evidence.give("press", column, "frames of one press train or test, never both")
+        elif (
+            np.sum(count > 1) >= _FEWEST_PRESSES
+            and len(count) <= len(group) / 2
+            and apart <= (_APART if stands else GATHERED)
+            and not {*words(column)} & _TIME
+            and not (is_numeric(table, column) and (_values(table, column) % 1).any())
+        ):
+            evidence.give("press", column, "its rows are near each other: one press")
 
 
 def is_numeric(table: Table, name: str) -> bool:
@@ -472,7 +589,7 @@ def is_numeric(table: Table, name: str) -> bool:
     """
     if table.cells[name].dtype.kind in "biuf":
         return True
-    filled = sum(cell.strip() not in ("", "nan", "NaN") for cell in table.cells[name])
+    filled = len(table) - int(table.blank([name]).sum())
     return filled > 0 and table.numeric_share(name) * len(table) >= 0.9 * filled
 
 

@@ -1,4 +1,4 @@
-"""Files, header and samples of a data set, format v1.
+"""A data set, format v1: its files, opening, and the comparison with what was written.
 
 dataset.json       the header: facts that hold for every sample; status open or closed
 plan.jsonl         the presses to be recorded, where they are known beforehand
@@ -11,20 +11,29 @@ splits/NAME.json   ids of training, validation and test samples
 
 A sample exists when its line stands in the journal. What an interrupted writer left behind the last
 line is ignored by readers, and removed when writing goes on.
+
+Every key of a line always has the same type, and unknown values are left out. Readers that take the
+type of a column from its first values (Hugging Face image folders, Arrow) then agree on it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import os
 import re
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import (
     ConfigDict,
     NonNegativeInt,
@@ -34,10 +43,10 @@ from pydantic import (
     ValidationError,
 )
 
-from tactibench.contacts import Contacts, Scene, Signal
-from tactibench.errors import UserError
+from tactibench.contacts import Contacts, Indenter, Pose, Scene, Signal
+from tactibench.errors import UserError, read_file
 from tactibench.geometry import true_contacts
-from tactibench.png import ImageKind
+from tactibench.png import ImageKind, decode_png
 from tactibench.protocols import first_mistake
 from tactibench.records import read_json, write_json
 
@@ -51,6 +60,9 @@ SPLITS = "splits"
 CHANNEL_FILE = "channels.f32"
 LOCK = ".lock"
 
+Event = Mapping[str, Any]
+Image = npt.NDArray[np.uint8]
+
 PER_FOLDER = 1000
 """Images in one folder: file managers and network shares slow down with more."""
 
@@ -60,14 +72,14 @@ AXES = "sxyz"
 """Angles are extrinsic rotations about x, y, z."""
 FRAMES = {
     "sensor": "right-handed, origin at the undeformed apex, x right and y down in the image, "
-    "z out of the dome",
+    "z out of the dome"
 }
 
 Status = Literal["ok", "bad"]
 Forces = tuple[tuple[float, float, float], ...]
 
 _FLAT = "flat"
-_REFERENCE_NAME = re.compile(rf"{REFERENCE}/(rest|\d{{6,}})\.png")
+REFERENCE_NAME = re.compile(rf"{REFERENCE}/(rest|\d{{6,}})\.png")
 # These keys belong to one copy of a data set; they need not be equal when writing continues.
 _OWN_KEYS = ("uuid", "status", "counts", "journal_sha256")
 
@@ -217,11 +229,6 @@ def image_name(number: int) -> str:
     return f"{IMAGES}/{number // PER_FOLDER:06d}/{number:06d}.png"
 
 
-def is_reference_name(name: str) -> bool:
-    """Return whether this is the name of a frame of the undeformed sensor."""
-    return _REFERENCE_NAME.fullmatch(name) is not None
-
-
 def is_dataset(folder: Path) -> bool:
     """Return whether a folder holds a data set of this format or of a later version of it."""
     return (folder / HEADER).is_file()
@@ -315,10 +322,7 @@ def resume_header(folder: Path, expected: Header) -> Header:
     # As they come back from the disk: tuples as lists, keys as text.
     before, now = (json.loads(json.dumps(asdict(each) | own)) for each in (header, expected))
     if difference := _difference("", before, now):
-        raise UserError(
-            f"{folder} was begun with {difference}; go on with the same settings, or name another "
-            "folder."
-        )
+        raise UserError(f"{folder} was begun with {difference}; keep it, or name another folder.")
     return header
 
 
@@ -336,3 +340,587 @@ def _difference(key: str, before: Any, now: Any) -> str:
 def _shorten(value: Any, most: int = 60) -> str:
     text = json.dumps(value)
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+POSE_KEYS = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
+MOVE_KEYS = ("dx_mm", "dy_mm", "dyaw_deg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneKeys:
+    """The keys of a scene: indenter and pose.
+
+    A plate has no indenter_radius_mm, a tip of which nobody knows how deep it pressed no depth_mm,
+    and a pose that did not move sideways no dx_mm, dy_mm, dyaw_deg. A sample without a scene has
+    none of the keys.
+    """
+
+    indenter: str | None = None
+    indenter_radius_mm: float | None = None
+    indenter_offsets_mm: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
+    x_mm: float | None = None
+    y_mm: float | None = None
+    yaw_deg: float | None = None
+    tilt_deg: float | None = None
+    depth_mm: float | None = None
+    dx_mm: float | None = None
+    dy_mm: float | None = None
+    dyaw_deg: float | None = None
+
+    def scene(self, where: str) -> Scene | None:
+        """Return the scene, None where there is no indenter.
+
+        Args:
+            where: File and line, the beginning of an error's sentence.
+
+        Raises:
+            UserError: A key of the scene is missing, or its indenter cannot exist.
+        """
+        values = {key: getattr(self, key) for key in POSE_KEYS}
+        unknown = () if self.indenter_radius_mm is None else ("depth_mm",)  # not of a plate
+        moves = (self.dx_mm, self.dy_mm, self.dyaw_deg)
+        if self.indenter is None:
+            if any(value is not None for value in (*values.values(), *moves)):
+                raise UserError(f"{where}: a pose needs the key 'indenter'; add it.")
+            return None
+        missing = [key for key, v in values.items() if v is None and key not in unknown]
+        if missing:
+            raise UserError(f"{where}: the key {missing[0]!r} is missing; add it.")
+        radius = math.inf if self.indenter_radius_mm is None else self.indenter_radius_mm
+        try:
+            indenter = Indenter(radius, self.indenter_offsets_mm, self.indenter)
+        except ValueError as error:
+            raise UserError(f"{where}: {error}; fix it.") from None
+        place = (math.nan if value is None else value for value in values.values())
+        return Scene(indenter, Pose(*place, *(move or 0.0 for move in moves)))
+
+
+def scene_keys(scene: Scene) -> dict[str, Any]:
+    """Return the keys of ``SceneKeys`` as JSON values; every number is a float."""
+    indenter, pose = scene.indenter, scene.pose
+    return {
+        "indenter": indenter.name,
+        **({} if indenter.is_plate else {"indenter_radius_mm": float(indenter.radius)}),
+        "indenter_offsets_mm": [[float(v) for v in offset] for offset in indenter.offsets],
+        "x_mm": float(pose.x),
+        "y_mm": float(pose.y),
+        "yaw_deg": float(pose.yaw),
+        "tilt_deg": float(pose.tilt),
+        **({} if math.isnan(pose.depth) else {"depth_mm": float(pose.depth)}),
+        **(
+            dict(zip(MOVE_KEYS, map(float, (pose.dx, pose.dy, pose.dyaw)), strict=True))
+            if pose.moved
+            else {}
+        ),
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(SceneKeys):
+    """A line of metadata.jsonl: the image's file, the scene with the pose reached, the contacts.
+
+    The contacts follow from the scene and the dome's radius; they are left out without either.
+    """
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    file_name: str
+    id: NonNegativeInt
+    status: Status
+    sha256: str
+    press: str
+    session: str = ""
+    attempt: PositiveInt = 1
+    t_frame_ns: int | None = None
+    n_contacts: NonNegativeInt | None = None
+    contacts_xy_mm: tuple[tuple[float, float], ...] = ()
+    contacts_depth_mm: tuple[float, ...] = ()
+    contacts_force_n: Forces | None = None
+    labels: dict[str, float] = field(default_factory=dict)
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+_ROW_FILE = TypeAdapter(Row)
+
+
+def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
+    """Return the line of a sample, its line break included.
+
+    Raises:
+        UserError: A value is no JSON or not finite.
+    """
+    keys = ("file_name", "id", "status", "sha256", "press", "session", "attempt", "t_frame_ns")
+    row: dict[str, Any] = {key: getattr(sample, key) for key in keys}
+    if sample.t_frame_ns is None:
+        del row["t_frame_ns"]
+    if sample.scene is not None:
+        row |= scene_keys(sample.scene)
+    try:
+        contacts = contacts_of(sample.scene, dome_radius_mm, sample.contacts_force_n)
+    except ValueError as error:
+        raise UserError(f"sample {sample.id}: {error}; give one force for every contact.") from None
+    if contacts is not None:
+        row["n_contacts"] = len(contacts)
+        row["contacts_xy_mm"] = contacts.xy.tolist()
+        if contacts.knows_depth:
+            row["contacts_depth_mm"] = contacts.depth.tolist()
+        if contacts.force is not None:
+            row["contacts_force_n"] = contacts.force.tolist()
+    row |= {key: value for key in ("labels", "extra") if (value := dict(getattr(sample, key)))}
+    return json_line(row, f"sample {sample.id}")
+
+
+def read_row(line: bytes, where: str) -> Sample:
+    """Return the sample of a line.
+
+    Raises:
+        UserError: The line is damaged.
+    """
+    try:
+        row = _ROW_FILE.validate_json(line)
+    except ValidationError as error:
+        raise UserError(f"{where}: {first_mistake(error, Row)}") from None
+    if row.file_name not in (image_name(row.id), CHANNEL_FILE):
+        raise UserError(
+            f"{where}: file_name is {row.file_name!r}, but the image of id {row.id} is "
+            f"{image_name(row.id)}; restore the line."
+        )
+    facts = {f.name: getattr(row, f.name) for f in fields(Sample) if f.name != "scene"}
+    return Sample(scene=row.scene(where), **facts)
+
+
+def json_line(value: dict[str, Any], what: str) -> bytes:
+    """Return a line of JSON, its line break included.
+
+    Raises:
+        UserError: A value is no JSON or not finite.
+    """
+    try:
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+        return text.encode() + b"\n"
+    except (TypeError, ValueError, RecursionError) as error:
+        raise UserError(
+            f"{what} cannot be written: {error}; allowed are text, numbers, lists and objects."
+        ) from None
+
+
+def parse_object(line: bytes) -> dict[str, Any] | None:
+    """Return the JSON object of a line; None where the line is no complete object."""
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def plan_lines(rows: Iterable[Mapping[str, Any]], plan: str = "the plan") -> bytes:
+    """Return the lines of plan.jsonl.
+
+    Args:
+        rows: Objects with an ``id`` and anything else that the recorder needs.
+        plan: Name of the plan, for errors.
+
+    Raises:
+        UserError: A value is no JSON, or an id is missing or repeated.
+    """
+    lines: list[bytes] = []
+    ids: set[int] = set()
+    for number, row in enumerate(rows, start=1):
+        if type(row.get("id")) is not int or row["id"] in ids:
+            raise UserError(
+                f"row {number} of {plan} has the id {row.get('id')!r}; each needs a whole number."
+            )
+        ids.add(row["id"])
+        lines.append(json_line(dict(row), f"row {number} of {plan}"))
+    return b"".join(lines)
+
+
+def plan_hash(lines: bytes) -> str:
+    """Return the sha256 of a plan's lines; "" without a plan."""
+    return hashlib.sha256(lines).hexdigest() if lines else ""
+
+
+def read_plan(path: Path, sha256: str | None = None) -> tuple[dict[str, Any], ...]:
+    """Return the rows of a plan; a missing file has none.
+
+    Args:
+        path: The plan's file.
+        sha256: Hash that the file must have; None accepts any.
+
+    Raises:
+        UserError: The file was changed, or a line is no JSON object with an id of its own.
+    """
+    data = read_optional(path)
+    if sha256 is not None and plan_hash(data) != sha256:
+        raise UserError(f"{path} is not the plan that the data set was begun with; restore it.")
+    rows = []
+    for number, line in enumerate(data.splitlines(), start=1):
+        row = parse_object(line)
+        if row is None:
+            raise UserError(f"{path} line {number} is no JSON object; fix it.")
+        rows.append(row)
+    plan_lines(rows, str(path))
+    return tuple(rows)
+
+
+def read_optional(path: Path) -> bytes:
+    """Return the bytes of a file; a missing file has none."""
+    return read_file(path) if path.exists() else b""
+
+
+SUBSETS = ("train", "validation", "test")
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Ids of three subsets; the samples of one press are in one subset only."""
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid")
+
+    train: tuple[int, ...]
+    validation: tuple[int, ...]
+    test: tuple[int, ...]
+
+    def subset_of(self) -> dict[int, str]:
+        """Return id -> the subset that it is in."""
+        return {number: subset for subset in SUBSETS for number in getattr(self, subset)}
+
+
+_SPLIT_FILE = TypeAdapter(Split)
+
+
+def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]) -> None:
+    """Write splits/NAME.json. Name the split after how it divides, such as "by-press".
+
+    Hugging Face loads a file with "train", "test" or the like in its name alone.
+
+    Raises:
+        UserError: An id is no sample or is named twice, a press is in two subsets, the name cannot
+            be used, or another split has the name.
+    """
+    if not _NAME.fullmatch(name):
+        raise UserError(f"a split cannot be called {name!r}; use letters, digits, '-', '_', '.'.")
+    check_split(split, samples, f"split {name!r}")
+    path = folder / SPLITS / f"{name}.json"
+    if path.exists():
+        if read_split(path) == split:
+            return
+        raise UserError(f"{path} is there already and divides otherwise; take another name.")
+    write_json(path, {subset: list(getattr(split, subset)) for subset in SUBSETS})
+
+
+def check_split(split: Split, samples: Iterable[Sample], where: str) -> None:
+    """Check that every id is a sample, once, and that no press is in two subsets.
+
+    Raises:
+        UserError: An id is no sample or is named twice, or a press is in two subsets; the sentence
+            begins with ``where``.
+    """
+    press = {sample.id: sample.press for sample in samples}
+    subset_of_id: dict[int, str] = {}
+    first_of_press: dict[str, tuple[str, int]] = {}
+    for subset in SUBSETS:
+        for number in getattr(split, subset):
+            if number not in press:
+                raise UserError(f"{where} names id {number} in {subset}, which is no sample.")
+            if number in subset_of_id:
+                raise UserError(
+                    f"{where} names id {number} in {subset_of_id[number]} and again in {subset}; "
+                    "a sample is in one part, once."
+                )
+            subset_of_id[number] = subset
+            first, other = first_of_press.setdefault(press[number], (subset, number))
+            if first != subset:
+                raise UserError(
+                    f"{where} leaks: ids {other} ({first}) and {number} ({subset}) are of one "
+                    f"press, {press[number]!r}; keep all samples of a press in one part."
+                )
+
+
+def read_split(path: Path) -> Split:
+    """Read a split.
+
+    Raises:
+        UserError: The file is damaged.
+    """
+    try:
+        return _SPLIT_FILE.validate_json(json.dumps(read_json(path)))
+    except ValidationError as error:
+        raise UserError(f"{path}: {first_mistake(error, Split)}") from None
+
+
+def split_files(folder: Path) -> Mapping[str, Path]:
+    """Return name -> file of every split of a data set."""
+    return {path.stem: path for path in sorted((folder / SPLITS).glob("[!.]*.json"))}
+
+
+def read_lines(path: Path) -> list[bytes]:
+    """Return the acknowledged lines of a journal without line breaks; a missing file has none.
+
+    What stands behind the last line break, and a last line that is no JSON, was left by a write
+    that was interrupted.
+
+    Raises:
+        UserError: The file cannot be read.
+    """
+    *lines, _ = read_optional(path).split(b"\n")
+    if lines and parse_object(lines[-1]) is None:
+        lines.pop()
+    return lines
+
+
+def lines_hash(lines: Sequence[bytes]) -> str:
+    """Return the sha256 of the lines of a journal."""
+    return hashlib.sha256(b"".join(line + b"\n" for line in lines)).hexdigest()
+
+
+def read_events(folder: Path) -> tuple[Event, ...]:
+    """Return the events of a data set in the order they were noted.
+
+    Raises:
+        UserError: A line is no JSON object.
+    """
+    events = []
+    for number, line in enumerate(read_lines(folder / EVENTS), start=1):
+        event = parse_object(line)
+        if event is None:
+            raise UserError(f"{folder / EVENTS} line {number} is no JSON object; restore it.")
+        events.append(event)
+    return tuple(events)
+
+
+class Samples(Sequence[Sample]):
+    """The samples of a journal, each read from its line when it is asked for.
+
+    Args:
+        path: Path of the journal, for errors.
+        lines: Its acknowledged lines.
+    """
+
+    def __init__(self, path: Path, lines: Sequence[bytes]) -> None:
+        self._path = path
+        self._lines = lines
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self._lines)
+
+    @overload
+    def __getitem__(self, row: int) -> Sample: ...
+
+    @overload
+    def __getitem__(self, row: slice) -> tuple[Sample, ...]: ...
+
+    def __getitem__(self, row: int | slice) -> Sample | tuple[Sample, ...]:
+        """Return the sample of a row, or the samples of a slice.
+
+        Raises:
+            IndexError: There is no such row.
+            UserError: A line is damaged.
+        """
+        if isinstance(row, slice):
+            return tuple(self[number] for number in range(len(self))[row])
+        number = range(len(self))[row]
+        return read_row(self._lines[number], f"{self._path} line {number + 1}")
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A data set on the disk.
+
+    Attributes:
+        folder: The data set's folder.
+        header: Facts that hold for every sample.
+        samples: Samples in the order they were written, bad ones included.
+        events: Events in the order they were noted.
+        sha256: Identity of labels and signals: the hash of the journal, which holds every signal's.
+    """
+
+    folder: Path
+    header: Header
+    samples: Sequence[Sample] = field(repr=False)
+    events: tuple[Event, ...] = field(repr=False)
+    sha256: str
+
+    @cached_property
+    def rest(self) -> Signal | None:
+        """Signal of the undeformed sensor, like that of a sample; None if it was not recorded."""
+        for number, event in enumerate(self.events, start=1):
+            if event.get("kind") == "reference":
+                return self._reference(event, f"{self.folder / EVENTS} line {number}")
+        return None
+
+    def _reference(self, event: Event, where: str) -> Signal:
+        name, sha256, kind = event.get("file_name"), str(event.get("sha256")), self.header.kind
+        if not isinstance(kind, ChannelKind):
+            if not isinstance(name, str) or not REFERENCE_NAME.fullmatch(name):
+                raise UserError(f"{where} names no reference frame; restore the line.")
+            return decode_png(name, self._read(self.folder / name, sha256, where), kind)
+        try:
+            row = np.array(event["channels"], "<f4").reshape(kind.shape)
+        except (KeyError, TypeError, ValueError):
+            row = np.empty(0, "<f4")
+        if hashlib.sha256(row.tobytes()).hexdigest() != sha256:
+            raise UserError(f"{where} does not hold the channels at rest; restore the line.")
+        return row.astype(np.float32)
+
+    @cached_property
+    def splits(self) -> Mapping[str, Split]:
+        """Name -> split.
+
+        Raises:
+            UserError: A split has a press in two subsets, names an id that is no sample, or is
+                damaged.
+        """
+        splits = {name: read_split(path) for name, path in split_files(self.folder).items()}
+        for name, path in split_files(self.folder).items():
+            check_split(splits[name], self.samples, str(path))
+        return splits
+
+    def plan(self) -> tuple[Mapping[str, Any], ...]:
+        """Return the rows of plan.jsonl.
+
+        Raises:
+            UserError: The plan was changed or is damaged.
+        """
+        return read_plan(self.folder / PLAN, self.header.plan_sha256)
+
+    def contacts(self, sample: Sample) -> Contacts | None:
+        """Return the contacts of a sample on the header's dome; None where one is unknown."""
+        return contacts_of(sample.scene, self.header.dome_radius_mm, sample.contacts_force_n)
+
+    def signal(self, sample: Sample) -> Signal:
+        """Return the signal of a sample.
+
+        Returns:
+            An image, (H, W) or RGB (H, W, 3) uint8, or channels of the header's shape, float32.
+
+        Raises:
+            UserError: The file is not what was written; the sentence names file and sample.
+        """
+        data, kind = self.stored_bytes(sample), self.header.kind
+        if isinstance(kind, ChannelKind):
+            return np.frombuffer(data, "<f4").astype(np.float32).reshape(kind.shape)
+        return decode_png(self.folder / sample.file_name, data, kind)
+
+    def stored_bytes(self, sample: Sample) -> bytes:
+        """Return the PNG file of a sample's image, or its row of channels, not decoded.
+
+        Raises:
+            UserError: The file is not what was written.
+        """
+        row = self._row_of[sample.id] if isinstance(self.header.kind, ChannelKind) else 0
+        return self._read(self.folder / sample.file_name, sample.sha256, f"sample {sample.id}", row)
+
+    def _read(self, path: Path, sha256: str, what: str, row: int = 0) -> bytes:
+        """Return the bytes of a file, or of a row of channels, that have this hash."""
+        kind = self.header.kind
+        if isinstance(kind, ChannelKind):
+            try:
+                with path.open("rb") as file:
+                    file.seek(row * kind.row_bytes)
+                    data = file.read(kind.row_bytes)
+            except OSError as error:
+                raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+        else:
+            data = read_file(path)
+        if hashlib.sha256(data).hexdigest() != sha256:
+            place = f"{path} row {row + 1}" if isinstance(kind, ChannelKind) else path
+            raise UserError(f"{place} was changed after it was written ({what}); restore it.")
+        return data
+
+    @cached_property
+    def _row_of(self) -> dict[int, int]:
+        return {sample.id: row for row, sample in enumerate(self.samples)}
+
+
+def open_dataset(folder: Path) -> Dataset:
+    """Open a data set for reading; nothing is changed.
+
+    Raises:
+        UserError: The folder holds no data set, or the journal of a closed one was changed.
+    """
+    header, lines = read_header(folder), read_lines(folder / JOURNAL)
+    sha256 = lines_hash(lines)
+    if header.status == "closed" and sha256 != header.journal_sha256:
+        raise UserError(
+            f"{folder / JOURNAL} is not what it was when the data set was closed; restore it "
+            f"(`tactibench data verify {folder}` says what is wrong)."
+        )
+    samples = Samples(folder / JOURNAL, lines)
+    return Dataset(folder, header, samples, read_events(folder), sha256)
+
+
+def count_samples(folder: Path) -> int:
+    """Return the number of lines in the journal, which may be damaged.
+
+    Raises:
+        UserError: The folder holds no data set.
+    """
+    read_header(folder)
+    return len(read_lines(folder / JOURNAL))
+
+
+def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list[str]:
+    """Compare signals, journals, plan and splits of a data set with what was written.
+
+    Args:
+        folder: The data set's folder, in which nothing is changed.
+        advance: Called with the number of samples that were finished.
+
+    Returns:
+        One sentence for each thing that is not as it was written; none for an intact data set.
+
+    Raises:
+        UserError: The folder holds no data set.
+    """
+    header, lines = read_header(folder), read_lines(folder / JOURNAL)
+    journal, findings, samples = folder / JOURNAL, list[str](), list[Sample]()
+    row_of: dict[int, int] = {}
+    for row, line in enumerate(lines):
+        try:
+            sample = read_row(line, f"{journal} line {row + 1}")
+        except UserError as error:
+            findings.append(str(error))
+            continue
+        samples.append(sample)
+        if (first := row_of.setdefault(sample.id, row)) != row:
+            findings.append(
+                f"{journal} lines {first + 1} and {row + 1} are both of id {sample.id}; an id "
+                "stands once: remove one of them."
+            )
+    if header.status == "closed" and lines_hash(lines) != header.journal_sha256:
+        findings.append(
+            f"{journal} is not what it was when the data set was closed (checksum, "
+            f"{header.counts.get('samples', 0):,} samples then, {len(samples):,} now); restore it."
+        )
+    try:
+        events = read_events(folder)
+    except UserError as error:
+        findings.append(str(error))
+        events = ()
+    dataset = Dataset(folder, header, samples, events, "")
+    # A row of channels belongs to its line, also where lines before it are damaged.
+    dataset.__dict__["_row_of"] = row_of
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for sentences in pool.map(lambda sample: list(_finding(dataset.signal, sample)), samples):
+            findings += sentences
+            advance(1)
+    for number, event in enumerate(events, start=1):
+        if event.get("kind") == "reference":
+            where = f"{folder / EVENTS} line {number}"
+            findings += _finding(dataset._reference, event, where)
+    findings += _finding(dataset.plan)
+    for path in split_files(folder).values():
+        findings += _finding(lambda path=path: check_split(read_split(path), samples, str(path)))
+    return findings
+
+
+def _finding(check: Callable[..., object], *arguments: object) -> Iterator[str]:
+    """Yield the sentence with which a check refuses its arguments, if it does."""
+    try:
+        check(*arguments)
+    except UserError as error:
+        yield str(error)

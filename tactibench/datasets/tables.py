@@ -25,8 +25,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from tactibench.datasets.options import unit_word
-from tactibench.errors import UserError
+from tactibench.datasets.labels import unit_word
+from tactibench.datasets.pictures import PICTURES
+from tactibench.errors import UserError, did_you_mean
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,13 +38,16 @@ _SEPARATORS = "\t;, "
 """Separators of columns; of two that fit equally well the first one is taken."""
 _SAMPLE = 50
 """Lines from which the separator is told: more than any header has."""
-_COMMAS = " (decimal commas need columns separated by ';', and no points)."
+_COMMAS = " (decimal commas need columns separated by ';'; thousands have no separators)."
+_THOUSANDS = r"[+-]?[1-9][0-9]{0,2}([.,' ][0-9]{3})+([.,][0-9]+)?"
 _NUMBER = r"[ \t\xa0]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t\xa0]*"
 _COMMA_NUMBER = r"[ \t\xa0]*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?[ \t\xa0]*"
 _POINT_NUMBER = r"[ \t\xa0]*[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?[ \t\xa0]*"
-_NO_VALUE = re.compile(r"\s*(nan|NaN|NAN)?\s*")
-_ANY_NUMBER = re.compile(rf"{_NUMBER}|{_COMMA_NUMBER}|\s*[+-]?(nan|NaN|NAN|inf|Inf)\s*")
+_NO_VALUE = re.compile(r"\s*(nan|n/?a|null|none|-+)?\s*", re.IGNORECASE)
+_ANY_NUMBER = re.compile(rf"{_NUMBER}|{_COMMA_NUMBER}|{_THOUSANDS}|\s*[+-]?(?i:nan|inf)\s*")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
+_GROUPED, _FEWEST_GROUPED = r"\s*[+-]?[1-9][0-9]{0,2}\.[0-9]{3}\s*", 5
+"""Numbers that may be thousands where all others are whole and below 1000, and how many tell it."""
 _MOST_LABELS = 64
 """Values of an array that are labels of one press: more are a signal."""
 _MOST_SHOWN = 24
@@ -93,14 +97,12 @@ class Table:
         for name in names:
             if name in self.cells:
                 return name
-        columns = f"its columns are {shown(self.columns)}"
-        if len(names) == 1:
-            raise UserError(f"{self.path} has no column {names[0]}; {columns}.")
-        raise UserError(
-            f"{self.path} has no column that names the frames, such as {' or '.join(names[:3])}; "
-            f"{columns}. Name it with --param column=COLUMN, or let `tactibench data import FOLDER "
-            "NEW --guess` find it."
-        )
+        what, how = f"column {names[0]!r}", did_you_mean(names[0], self.columns)
+        if len(names) > 1:
+            what = f"column that names the frames, such as {' or '.join(names[:3])}"
+            guess = "add --param column=COLUMN, or try `tactibench data import --guess`"
+            how = f"its columns are {shown(self.columns)}; {guess}."
+        raise UserError(f"{self.path} has no {what}; {how}")
 
     def select(self, text: str) -> tuple[str, ...]:
         """Return the columns of a list with commas: names, arrays, FIRST:LAST, or patterns with *.
@@ -160,7 +162,7 @@ class Table:
             raise UserError(
                 f"{self.path} row {bad[0] + 1}: {column} is {cells[bad[0]]!r}, but it must be "
                 f"a finite number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); fix or "
-                f"remove them{_COMMAS if ',' in cells[bad[0]] else '.'}"
+                f"remove them{_COMMAS if re.search('[,.]', cells[bad[0]]) else '.'}"
             )
         return numbers
 
@@ -189,6 +191,11 @@ class Table:
         try:
             numbers = np.array([float(cell) for cell in cells])
             if not any("_" in cell for cell in cells):  # float() takes 1_0 for ten
+                whole = numbers % 1 == 0
+                if whole.any() and not whole.all() and (np.abs(numbers) < 1000).all():
+                    grouped = cells[~whole].str.fullmatch(_GROUPED)
+                    if len(grouped) >= _FEWEST_GROUPED and grouped.all():
+                        numbers[~whole] = np.nan  # 1.234 beside 56: maybe a thousand and more
                 return numbers
         except ValueError:
             pass
@@ -203,6 +210,43 @@ def shown(columns: Sequence[str], most: int = _MOST_SHOWN) -> str:
         left_out = f"... ({len(columns) - 2 * half:,} more)"
         columns = [*columns[:half], left_out, *columns[-half:]]
     return ", ".join(columns)
+
+
+def rank_correlation(first: FloatArray, second: FloatArray, fewest: int = 3) -> float:
+    """Return the rank correlation of rows with both values, 0 of few rows or a constant value."""
+    both = pd.DataFrame({"first": first, "second": second}).dropna()
+    if len(both) < fewest or (both.max() == both.min()).any():
+        return 0.0
+    return float(np.corrcoef(both.rank().to_numpy().T)[0, 1])  # scipy.stats takes seconds to import
+
+
+def rank_of_alike(
+    channels: FloatArray, label: FloatArray, presses: npt.NDArray[Any] | None = None
+) -> float | None:
+    """Return the rank correlation of a label with that of the row whose channels are most alike.
+
+    Args:
+        channels: (N, C) channels of every row.
+        label: (N,) values.
+        presses: (N,) names of presses, which are not compared with themselves; None: rows are.
+
+    Returns:
+        The correlation; None where there is one press.
+    """
+    from scipy.spatial import cKDTree
+
+    presses = np.arange(len(label)) if presses is None else presses
+    most = int(np.unique(presses, return_counts=True)[1].max())
+    if most == len(presses):
+        return None
+    near = cKDTree(channels).query(channels, k=most + 1)[1]  # one of them is of another press
+    other = near[np.arange(len(near)), (presses[near] != presses[:, None]).argmax(axis=1)]
+    return rank_correlation(label, label[other])
+
+
+def spread_evenly(count: int, most: int) -> npt.NDArray[np.intp]:
+    """Return at most so many numbers below ``count``, evenly spread from the first to the last."""
+    return np.linspace(0, count - 1, min(most, count)).round().astype(np.intp)
 
 
 def is_table(path: Path) -> bool:
@@ -240,7 +284,7 @@ def read_table(path: Path, data: bytes) -> Table:
     except _UNREADABLE as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise UserError(f"{path} holds no arrays of numbers: {reason}.") from None
-    return _table_of_arrays(path, dict(_flatten(arrays)))
+    return _table_of_arrays(path, _join_groups(dict(_flatten(arrays))))
 
 
 def _read_matlab(data: bytes) -> dict[str, Any]:
@@ -294,6 +338,27 @@ def _flatten(values: Any, prefix: str = "") -> Iterator[tuple[str, npt.NDArray[A
             yield prefix, array
 
 
+def _join_groups(arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    """Return arrays of numbered groups, trial_0/x, trial_1/x, ..., one behind the other.
+
+    What is not of the length of its group, such as the place of a trial, holds for all its rows.
+    """
+    groups: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    for name, array in arrays.items():
+        group, member = re.findall(r"^(.*?\d+)[/.](.+)|$", name)[0]
+        groups.setdefault(group, {})[member] = array
+    keys = [group.keys() for group in groups.values()]
+    if len(keys) < 2 or "" in groups or any(each != keys[0] for each in keys):
+        return arrays
+    counts = [Counter(map(len, group.values())).most_common(1)[0][0] for group in groups.values()]
+    parts = [
+        {m: a if len(a) == count else np.repeat(a[None], count, axis=0) for m, a in group.items()}
+        for group, count in zip(groups.values(), counts, strict=True)
+    ]
+    joined = {member: np.concatenate([part[member] for part in parts]) for member in keys[0]}
+    return joined | {"group": np.repeat([*groups], counts)}
+
+
 def _table_of_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> Table:
     """Return the arrays as columns: rows are the length that most of them have."""
     lengths = Counter(n for array in arrays.values() for n in {*array.shape} if n)
@@ -326,7 +391,7 @@ def _array_columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 def _read_text(path: Path, data: bytes) -> Table:
     lines, separator, notes = _lines(path, data)
     try:
-        rows = [row for row in _split(lines, separator) if row]
+        rows = [row for row in _split(lines, separator) if any(map(str.strip, row))]
     except csv.Error as error:
         raise UserError(f"{path} is not a readable CSV file: {error}; fix the file.") from None
     rows = _equally_long(path, rows)
@@ -334,7 +399,15 @@ def _read_text(path: Path, data: bytes) -> Table:
     body = rows[headed + bool(units) :]
     if not body:
         raise UserError(f"{path} has a header but no rows; it must list at least one frame.")
+    # A comma divides names of columns in options.
+    names = [n.replace(",", ";") for n in names]
     names = [f"{n} [{units[at]}]" if units.get(at) else n for at, n in enumerate(names)]
+    _refuse_cut_off(path, data, body)
+    for at in [at for at, cell in enumerate(body[0]) if cell.strip().lower().endswith(PICTURES)]:
+        starts = [re.sub(r"\d+\D*$", "", row[at].strip()) for row in body]
+        if 1 < len(set(starts)) < len(body) and all(starts):  # press7/3.png, press7_3.png
+            names.append(f"{names[at]} start")
+            body = [[*row, start] for row, start in zip(body, starts, strict=True)]
     _refuse_twice(path, names)
     cells = pd.DataFrame(body, columns=names, dtype=object)
     comma = separator != "," and _has_decimal_commas(path, cells)
@@ -425,6 +498,18 @@ def _equally_long(path: Path, rows: list[list[str]]) -> list[list[str]]:
     while width > 1 and not any(row[width - 1].strip() for row in rows):
         width -= 1
     return [row[:width] for row in rows]
+
+
+def _refuse_cut_off(path: Path, data: bytes, body: Sequence[Sequence[str]]) -> None:
+    """Refuse a last line without an end whose last number has fewer decimals than all others."""
+    *others, last = (len(re.split("[.,]", row[-1].strip(), maxsplit=1)[-1]) for row in body)
+    decimal = all(re.search("[.,]", row[-1]) for row in body[:-1])
+    cut = len(others) >= _SAMPLE and decimal and {*others} == {max(others)} and last < others[0]
+    if cut and not data.endswith((b"\n", b"\r", b"\n\0", b"\0\n")):
+        raise UserError(
+            f"{path}: the last line has no end, and its number {body[-1][-1].strip()!r} fewer than "
+            f"{others[0]} decimals: it was cut off; complete or remove it."
+        )
 
 
 def _header(rows: Sequence[Sequence[str]]) -> tuple[list[str], dict[int, str], int]:

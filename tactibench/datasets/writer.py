@@ -9,13 +9,14 @@ at most. ``add_many`` acknowledges several samples together and waits as often a
 from __future__ import annotations
 
 import errno
+import glob
 import hashlib
 import os
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,17 +26,6 @@ from uuid import uuid4
 import numpy as np
 
 from tactibench.contacts import Signal
-from tactibench.datasets.dataset import Event, lines_hash, read_events, read_lines
-from tactibench.datasets.files import (
-    Split,
-    json_line,
-    plan_hash,
-    plan_lines,
-    read_plan,
-    read_row,
-    write_row,
-    write_split,
-)
 from tactibench.datasets.schema import (
     CHANNEL_FILE,
     EVENTS,
@@ -46,12 +36,24 @@ from tactibench.datasets.schema import (
     REFERENCE,
     ChannelKind,
     Draft,
+    Event,
     Header,
     Sample,
+    Split,
     image_name,
     is_dataset,
+    json_line,
+    lines_hash,
+    plan_hash,
+    plan_lines,
+    read_events,
+    read_lines,
+    read_plan,
+    read_row,
     resume_header,
     write_header,
+    write_row,
+    write_split,
 )
 from tactibench.errors import UserError
 from tactibench.png import ImageKind, check_png, decode_png, encode_png
@@ -200,8 +202,7 @@ class Writer:
             others = [path.name for path in self.folder.iterdir() if not path.name.startswith(".")]
             if others and others != [PLAN]:
                 raise UserError(
-                    f"{self.folder} is not empty ({min(others)} is there) and holds no data set; "
-                    "name a new folder."
+                    f"{self.folder} is not empty ({min(others)} is there); name a new folder."
                 )
             if lines:
                 with atomic(self.folder / PLAN) as stream:
@@ -363,10 +364,8 @@ class Writer:
                 "ok": sum(sample.status == "ok" for sample in samples),
                 "presses": len({sample.press for sample in samples}),
             }
-            sha256 = lines_hash(read_lines(self.folder / JOURNAL))
-            self.header = replace(
-                self.header, status="closed", counts=counts, journal_sha256=sha256
-            )
+            sha = lines_hash(read_lines(self.folder / JOURNAL))
+            self.header = replace(self.header, status="closed", counts=counts, journal_sha256=sha)
             write_header(self.folder, self.header)
             _sync_folder(self.folder)
         self.leave_open()
@@ -459,6 +458,8 @@ def _make_folder(folder: Path) -> None:
 def new_folder(target: Path, source: Path) -> Iterator[Path]:
     """Yield a temporary folder beside ``target``, which takes its name when the block succeeds.
 
+    What a killed process left of an earlier one is removed: nobody holds the lock beside it.
+
     Args:
         target: The folder to make.
         source: Folder of the data set, into which nothing may be written.
@@ -473,10 +474,17 @@ def new_folder(target: Path, source: Path) -> Iterator[Path]:
         raise UserError(f"{target} lies in the data set {source}; give a folder outside of it.")
     taken = target.exists() and not (target.is_dir() and not any(target.iterdir()))
     if taken or target.is_symlink():
-        raise UserError(
-            f"{target} is there already; give the name of a new folder, nothing is overwritten."
-        )
+        raise UserError(f"{target} is there already; give a new folder, nothing is overwritten.")
+    from filelock import FileLock, Timeout  # takes a tenth of a second to import
+
     temporary = target.with_name(f".{target.name}.{uuid4().hex[:8]}")
+    for left in target.parent.glob(f".{glob.escape(target.name)}.{'[0-9a-f]' * 8}.lock"):
+        with suppress(Timeout):
+            with FileLock(left, timeout=0):
+                shutil.rmtree(left.with_suffix(""), ignore_errors=True)
+            left.unlink(missing_ok=True)
+    lock = FileLock(f"{temporary}.lock")
+    lock.acquire()
     temporary.mkdir()
     try:
         yield temporary
@@ -486,3 +494,6 @@ def new_folder(target: Path, source: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
+    finally:
+        lock.release()
+        Path(lock.lock_file).unlink(missing_ok=True)

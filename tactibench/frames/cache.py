@@ -112,7 +112,7 @@ class GeneratedFrameSet(FrameSet):
         with entry.locked():
             manifest = entry.read() or _generate(self, entry, advance)
             shutil.rmtree(beside(folder, ".parts"), ignore_errors=True)
-            signals = np.load(folder / "frames.npy", mmap_mode="r")
+            signals = np.load(folder / "frames.npy", mmap_mode=None if self.secret else "r")
             rests = np.load(folder / "rest.npy")[np.newaxis]
             rest_of = np.zeros(len(signals), dtype=np.intp)
             if f"{REST_ARRAYS[0]}.npy" in manifest["files"]:
@@ -121,6 +121,8 @@ class GeneratedFrameSet(FrameSet):
             forces: list[npt.NDArray[np.float64] | None] = [None] * len(signals)
             if f"{FORCE}.npy" in manifest["files"]:
                 forces = [row[~np.isnan(row[:, 0])] for row in np.load(folder / f"{FORCE}.npy")]
+            if self.secret:  # their poses stay on the disk for nobody
+                shutil.rmtree(folder)
         rests.setflags(write=False)
         shared = list(rests)  # frames of one instance hold one and the same array
         frames = [
@@ -130,10 +132,8 @@ class GeneratedFrameSet(FrameSet):
                 zip(signals, poses.tolist(), rest_of.tolist(), forces, strict=True)
             )
         ]
-        content = self._content_hash(manifest["files"])
-        return Presses(
-            self.name, self.scenes, frames, self.names, content, folder, self.dome_radius
-        )
+        content, place = self._content_hash(manifest["files"]), None if self.secret else folder
+        return Presses(self.name, self.scenes, frames, self.names, content, place, self.dome_radius)
 
     def _content_hash(self, files: Mapping[str, str]) -> str:
         """Return a hash of frames, scenes and surface, which does not depend on the code.

@@ -165,7 +165,7 @@ class DrawnFrames(FrameSource):
         self.testing = self.training
         tested, hidden = self.spec, request.hidden
         if hidden is not None:
-            tested = tested.model_copy(update={"data_seed": hidden.data_seed})
+            tested = hidden.redraw(tested)
         if hidden is not None or request.test_sensor is not None:
             self.testing = SensorFrames(tested, request.tested, request.cache, hidden is not None)
         self.tested_workspace = self.testing.sensor.workspace
@@ -218,15 +218,20 @@ class DrawnFrames(FrameSource):
             for name, chosen in spread_over_sets(rows, self.request.test_count).items()
         ]
         if self.request.test_count is None:
-            sets += [frames for apart in self.spec.test.apart for frames in self._apart(apart)]
+            tests = zip(self.spec.test.apart, self.testing.protocol.test.apart, strict=True)
+            sets += [frames for apart, pressed in tests for frames in self._apart(apart, pressed)]
         return tuple(sets)
 
-    def _apart(self, apart: ApartTest) -> Iterator[GeneratedFrameSet]:
+    def _apart(self, apart: ApartTest, pressed: ApartTest) -> Iterator[GeneratedFrameSet]:
         """Yield the frames of presses that are scored apart.
 
         Instances press the scenes in turn, so that every instance presses all conditions of a draw.
         They are left out for a sensor without instances, and where the tested sensor is not the
         nominal one.
+
+        Args:
+            apart: The test of the protocol, whose instances name the groups.
+            pressed: The test with the instances that press, which a hidden seed chooses.
         """
         for name in apart.sets:
             scenes = self.testing.draw(name).scenes
@@ -234,10 +239,10 @@ class DrawnFrames(FrameSource):
                 group, rows = subgroup(apart.name, name), range(len(scenes))
                 yield self._frame_set(self.testing, "test", name, rows, WHOLE, group)
             elif self.testing.component.values.get(INSTANCE) == NOMINAL:
-                for turn, instance in enumerate(apart.instances):
-                    rows = range(turn, len(scenes), len(apart.instances))
+                for turn, instance in enumerate(pressed.instances):
+                    rows = range(turn, len(scenes), len(pressed.instances))
                     frames = self.testing.with_values(**{INSTANCE: instance})
-                    group = subgroup(apart.name, f"{INSTANCE}-{instance}")
+                    group = subgroup(apart.name, f"{INSTANCE}-{apart.instances[turn]}")
                     yield self._frame_set(frames, "test", name, rows, FIRST_INSTANCE + turn, group)
 
     def _labelled_frames(self) -> FrameSet:

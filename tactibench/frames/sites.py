@@ -1,83 +1,117 @@
-"""The trials of a recording that knows which named places are touched."""
+"""The trials of a recording that knows which named places are touched.
+
+With another recording to test on, its trials are tested in place of those that would be tested
+otherwise: a test holds the same numbers or sets of places, and another day or board.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.contacts import Sites
 from tactibench.errors import UserError
-from tactibench.frames.recorded import Recording
-from tactibench.frames.source import (
-    QUICK_FIT,
-    FramePlan,
-    FrameRequest,
-    FrameSet,
-    FrameSource,
-    spread,
-)
-from tactibench.protocols import RECORDED
+from tactibench.frames.recorded import Recording, training_sets
+from tactibench.frames.source import FramePlan, FrameRequest, FrameSet, FrameSource, spread
+from tactibench.protocols import RECORDED, PressSplit
 
 SESSION = "session"
 """Begins the groups of trials whose session no training saw."""
+
+
+def _sites(recording: Recording) -> list[Sites]:
+    return [scene.sites for scene in recording.scenes if scene.sites is not None]
 
 
 class SiteFrames(FrameSource):
     """Trials by their number of touched places, or in folds that training and test do not share.
 
     Raises:
-        UserError: The recording does not know the places, or lacks trials to train or to test.
+        UserError: A recording does not know the places.
     """
 
     def __init__(self, request: FrameRequest) -> None:
         super().__init__(request)
         assert self.spec.sites is not None  # noqa: S101 - the protocol is one of named places
         self.tests = self.spec.sites
-        self.recording = Recording.open(self.spec, request.sensor, request.data)
-        known = [scene.sites for scene in self.recording.scenes if scene.sites is not None]
-        if not known:
-            raise UserError(
-                f"{request.data} does not say which named places are touched, but protocol "
-                f"{self.spec.id!r} asks for them; import it with --param sites=COLUMNS."
-            )
-        self.counts = np.array([sites.count for sites in known])
-        self.subsets = [str(sites) for sites in known]
+        self.trained = self.tested = Recording.open(self.spec, request.sensor, request.data)
+        if request.test_data is not None:
+            self.tested = Recording.open(self.spec, request.tested, request.test_data)
+        for recording in (self.trained, self.tested):
+            if not any(_sites(recording)):
+                raise UserError(
+                    f"{recording.identity['describe']['folder']} does not say which named places "
+                    f"are touched, but protocol {self.spec.id!r} asks for them; import it with "
+                    "--param sites=COLUMNS."
+                )
 
     def plan(self) -> FramePlan:
-        """Return one division of the trials, or all of them with their folds."""
+        """Return one division of the trials, or all of them with their folds.
+
+        Raises:
+            UserError: The tested recording is the one that trains, or has other places. Or no trial
+                trains, or none is tested.
+        """
+        data, test_data = self.request.data, self.request.test_data
+        if test_data is not None and self.trained.identity == self.tested.identity:
+            raise UserError(
+                f"{test_data} is the recording that is trained on; leave --test out, or name "
+                "another one."
+            )
+        trained, tested = (_sites(r)[0].names for r in (self.trained, self.tested))
+        if trained != tested:
+            raise UserError(
+                f"{test_data} has the places {', '.join(tested)}, but {data} {', '.join(trained)}; "
+                "import both with the same names in the same order."
+            )
+        plan = self._plan()
+        if not all(part.count("fit") and part.count("test") for part in (plan, *plan.folds)):
+            raise UserError(
+                f"{data} has no trials to train or {test_data or 'it'} none to test in regime "
+                f"{self.request.regime!r}; take another regime."
+            )
+        return plan
+
+    def _plan(self) -> FramePlan:
+        counts = [np.array([s.count for s in _sites(r)]) for r in (self.trained, self.tested)]
         most = self.tests.most.get(self.request.regime)
         if most is not None:
-            return self._division(self.counts <= most, self.counts > most)
+            return self._division(counts[0] <= most, counts[1] > most)
         folds = (*self._subset_folds(), *self._session_folds())
-        every = self._division(self.counts >= 0, self.counts >= 0)  # whose weights a lab would keep
+        # The weights that a lab would keep learned from all trials.
+        every = self._division(counts[0] >= 0, counts[1] >= 0)
         test = tuple(frames for fold in folds for frames in fold.test)
         return replace(every, test=test, folds=folds)
 
     def test_frames(self) -> tuple[FrameSet, ...]:
         """Return the test trials, or as many as the request asks for."""
-        return self.plan().test
+        return self._plan().test
 
     def _subset_folds(self) -> list[FramePlan]:
         """Return a division for every fold of the sets of places."""
-        names = sorted(set(self.subsets))
-        rng = np.random.default_rng(self.spec.data_seed)
-        order = rng.permutation(len(names))
-        fold_of = {names[row]: number % self.tests.folds for number, row in enumerate(order)}
-        fold = np.array([fold_of[subset] for subset in self.subsets])
+        trained, tested = (np.array([*map(str, _sites(r))]) for r in (self.trained, self.tested))
+        names = np.unique(tested)
+        order = np.random.default_rng(self.spec.data_seed).permutation(len(names))
+        held = [names[order[number :: self.tests.folds]] for number in range(self.tests.folds)]
         return [
-            self._division(fold != number, fold == number, presses=self.subsets)
-            for number in range(self.tests.folds)
+            self._division(~np.isin(trained, some), np.isin(tested, some), presses=tested)
+            for some in held
         ]
 
     def _session_folds(self) -> list[FramePlan]:
-        """Return a division for every session; [] where there are not several."""
-        session = np.array(self.recording.sessions)
-        names = np.unique(session)
+        """Return a division for every session; [] where there are not several.
+
+        Another recording is another session as a whole.
+        """
+        trained, tested = (np.array(r.sessions) for r in (self.trained, self.tested))
+        if self.tested is not self.trained:
+            return [self._division(trained == trained, tested == tested, test=SESSION)]  # all
+        names = np.unique(tested)
         if len(names) < 2:
             return []
-        return [self._division(session != n, session == n, test=SESSION) for n in names]
+        return [self._division(trained != n, tested == n, test=SESSION) for n in names]
 
     def _division(
         self,
@@ -85,46 +119,34 @@ class SiteFrames(FrameSource):
         tested: npt.NDArray[np.bool_],
         *,
         test: str = "",
-        presses: Sequence[str] | None = None,
+        presses: npt.NDArray[np.str_] | None = None,
     ) -> FramePlan:
         """Return the plan that trains on some trials and tests others.
 
         Args:
             fit: (N,) whether each trial trains.
-            tested: (N,) whether each trial is tested.
+            tested: (M,) whether each trial of the tested recording is tested.
             test: Name of the test, with which its groups begin; "": the main one.
-            presses: Unit of every trial in intervals; None: the trial.
-
-        Raises:
-            UserError: No trial trains or none is tested.
+            presses: (M,) unit of every trial in intervals; None: the trial.
         """
-        request, recording = self.request, self.recording
-        train: Sequence[int] = np.flatnonzero(fit).tolist()
-        rows = np.flatnonzero(tested).tolist()
-        if not (train and rows):
-            raise UserError(
-                f"{request.data} has {len(train):,} trials to train and {len(rows):,} to test in "
-                f"regime {request.regime!r}; take another regime."
-            )
-        if request.presses is not None:
-            train = spread(train, request.training_count(len(train)))
-        if request.quick:
-            train = spread(train, QUICK_FIT)
-        tested_set = recording.frame_set(
+        train, rows = (tuple(np.flatnonzero(some).tolist()) for some in (fit, tested))
+        fit_sets, _ = training_sets(self.request, self.trained, PressSplit(train, (), rows))
+        rows = spread(rows, self.request.test_count)
+        tested_set = self.tested.frame_set(
             "test",
             test or RECORDED,
-            spread(rows, request.test_count),
+            rows,
             lambda scene: ":".join(filter(None, (test, str(scene.sites and scene.sites.count)))),
         )
         if presses is not None:
-            unit_of = dict(zip(recording.names, presses, strict=True))
-            units = tuple(unit_of[name] for name in tested_set.names)
-            tested_set = replace(tested_set, presses=units)
+            tested_set = replace(tested_set, presses=tuple(presses[[*rows]].tolist()))
+        same = self.tested is self.trained
         return FramePlan(
             source=self,
-            fit=(recording.frame_set("fit", RECORDED, train),),
+            fit=fit_sets,
             validation=(),
             test=(tested_set,),
-            sensor_identity=recording.identity,
-            signals=(recording.sensor.signal,),
+            sensor_identity=self.trained.identity,
+            test_identity=None if same else self.tested.identity,
+            signals=(self.trained.sensor.signal, self.tested.sensor.signal),
         )

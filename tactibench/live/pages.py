@@ -46,6 +46,7 @@ Post = Callable[[bytes], bytes]
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
+    request_queue_size = 128  # of 5, the default, many that connect at once leave none for the page
 
     def handle_error(self, *_: Any) -> None:
         """Report nothing: the reader closed the connection."""

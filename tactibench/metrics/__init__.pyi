@@ -1,6 +1,6 @@
 """Public names of tactibench.metrics, and the modules that define them."""
 
-from .detection import gospa_per_frame as gospa_per_frame
+from .detection import gospa_with_depth as gospa_with_depth
 from .detection import sensitivity as sensitivity
 from .hard_cases import ospa as ospa
 from .position import AXES as AXES

@@ -109,10 +109,14 @@ def density(z: float) -> float:
 
 
 def gospa(truth: FloatArray, predicted: FloatArray, gate: float, power: int) -> float:
-    """GOSPA of (K, 2) true and (M, 2) predicted points, mm."""
+    """GOSPA of (K, D) true and (M, D) predicted points of D axes, mm."""
     _, _, distance = match(truth, predicted, gate, power)
     unpaired = len(truth) + len(predicted) - 2 * len(distance)
     return float(((distance**power).sum() + gate**power / 2 * unpaired) ** (1 / power))
+
+
+DEPTH_GOSPA = "gospa_depth_mm"
+"""Name of GOSPA that counts the depth; ``gospa1_mm`` and ``gospa2_mm`` are in the plane."""
 
 
 def finite_gate(trials: Trials, metric: str) -> float:
@@ -131,6 +135,18 @@ def gospa_per_frame(trials: Trials, power: int) -> Sample:
     pairs = zip(trials.truth, trials.predictions, strict=True)
     values = np.array([gospa(t.xy, p.xy, gate, power) for t, p in pairs], dtype=np.float64)
     return Sample(values, np.arange(len(values)))
+
+
+def gospa_with_depth(trials: Trials) -> Sample:
+    """One value per frame, mm: GOSPA over x, y and depth; in the plane where no depth is known."""
+    gate = finite_gate(trials, DEPTH_GOSPA)
+    values = []
+    for true, seen in zip(trials.truth, trials.predictions, strict=True):
+        pair = [
+            np.column_stack([c.xy, c.depth]) if true.knows_depth else c.xy for c in (true, seen)
+        ]
+        values.append(gospa(pair[0], pair[1], gate, power=1))
+    return Sample(np.array(values, dtype=np.float64), np.arange(len(values)))
 
 
 GOSPA_SPECS = tuple(
@@ -177,4 +193,11 @@ SPECS = (
         d_prime,
     ),
     *GOSPA_SPECS,
+    mean_metric(
+        DEPTH_GOSPA,
+        "mm",
+        "lower",
+        "gospa1_mm with d the distance in x, y and depth; in the plane where no depth is known",
+        gospa_with_depth,
+    ),
 )

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -66,8 +66,8 @@ def match(
     """Match true to predicted points.
 
     Args:
-        truth: (K, 2) mm.
-        predicted: (M, 2) mm.
+        truth: (K, D) places of D axes, mm.
+        predicted: (M, D) mm.
         gate: Distance from which on two points are no pair, mm; inf for none.
         power: Exponent of the cost of a pair.
 
@@ -78,8 +78,8 @@ def match(
     if not len(truth) or not len(predicted):
         none = np.empty(0, dtype=np.intp)
         return none, none, np.empty(0)
-    x, y = (np.subtract.outer(truth[:, axis], predicted[:, axis]) for axis in (0, 1))
-    distance = np.hypot(x, y)
+    axes = zip(truth.T, predicted.T, strict=True)
+    distance = reduce(np.hypot, (np.abs(np.subtract.outer(*places)) for places in axes))
     if distance.size == 1:
         rows = columns = np.zeros(1, dtype=np.intp)
     else:

@@ -19,6 +19,7 @@ from .host import Problem as Problem
 from .host import describe_failure as describe_failure
 from .host import describe_method as describe_method
 from .host import installed as installed
+from .specs import ANSWERS as ANSWERS
 from .specs import CHANNELS as CHANNELS
 from .specs import IMAGE as IMAGE
 from .specs import INSTANCE as INSTANCE

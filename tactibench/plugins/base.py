@@ -44,8 +44,8 @@ class FitReport:
         resumed_from: Epoch of the checkpoint from which training went on; 0: from the start.
         history: One mapping per epoch.
         notes: JSON values for the record.
-        prior: What the model knew of contacts that press together, see ``Prior``. A board shows it
-            in a column; None stands there as "not stated".
+        prior: What the model knew of contacts that press together, see ``Prior``; None: not stated.
+            Of models that ship the spec says it.
     """
 
     epochs: int = 0

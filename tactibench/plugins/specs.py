@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean, printable
 
 if TYPE_CHECKING:
-    from tactibench.plugins.base import Encoder, Model, Sensor  # noqa: F401 - in bases, as texts
+    from tactibench.plugins.base import Encoder, Model, Prior, Sensor  # noqa: F401 - in bases
 
 T = TypeVar("T")
 
@@ -263,6 +263,8 @@ class ModelSpec(_Spec["Model"]):
             of such a model is enough, if it ships with tactibench.
         of_sites: The model that has this name where named places are asked for, with parameters of
             its own; None: it is this one, if any.
+        composes: Whether it explains a frame by single presses and a law of how they press
+            together, so that it knows of several contacts without the parameter ``mixing``.
         refinable: Whether its contacts on images can be refined by fields of single presses, with
             the parameter ``refine``. The model itself is not built with this parameter.
     """
@@ -280,6 +282,7 @@ class ModelSpec(_Spec["Model"]):
     )
     deterministic: bool = field(default=False, kw_only=True)
     of_sites: ModelSpec | None = field(default=None, kw_only=True)
+    composes: bool = field(default=False, kw_only=True)
     refinable: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -304,7 +307,9 @@ class ModelSpec(_Spec["Model"]):
             UserError: The class cannot be used, a parameter is unknown, or a value is not allowed.
         """
         self.check(values)
-        refines = self.refinable and values.pop(_REFINE.name, "none") != "none"
+        refines = self.refines(values)
+        if self.refinable:
+            values.pop(_REFINE.name, None)
         model = super().build(*context, **values)
         if not refines:
             return model
@@ -312,6 +317,30 @@ class ModelSpec(_Spec["Model"]):
 
         wrapper: Callable[..., Model] = import_target(self.name, _REFINED, base.Model)
         return wrapper(model)
+
+    def refines(self, values: Mapping[str, Value]) -> bool:
+        """Return whether a model with these values refines its contacts."""
+        return self.refinable and values.get(_REFINE.name, _REFINE.default) != _REFINE.default
+
+    def prior(self, values: Mapping[str, Value], answer: str, *, several: bool) -> Prior:
+        """Return what a training knows of contacts that press together before it sees a frame.
+
+        Args:
+            values: Values of its parameters. ``mixing`` makes frames of several contacts,
+                ``neighbours`` names the law by which they press together.
+            answer: Kind of answer, "contacts", "plate" or "sites".
+            several: Whether the training frames hold several contacts.
+        """
+        if answer == "plate" or not (self.refines(values) or values.get("mixing", self.composes)):
+            return "none"
+        if answer == "contacts" and self.composes and several:
+            return "fitted to multi-contact labels"
+        adds = answer == "sites" or values.get("neighbours") == "none"
+        return "plain addition" if adds and not self.refines(values) else "nominal mechanics"
+
+    def unrefined(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the same values without refinement: those of the model that is refined."""
+        return {**values, _REFINE.name: _REFINE.default}
 
     def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""

@@ -48,7 +48,6 @@ from .loader import given_seed as given_seed
 from .loader import load_protocol as load_protocol
 from .loader import protocol_files as protocol_files
 from .loader import protocol_titles as protocol_titles
-from .loader import read_file as read_file
 from .loader import read_protocol as read_protocol
 from .loader import recorded_seed as recorded_seed
 from .loader import recorded_version as recorded_version

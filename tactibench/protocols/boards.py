@@ -17,8 +17,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator
 
-from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import protocol_files, read_file
+from tactibench.errors import UserError, did_you_mean, read_file
+from tactibench.protocols.loader import protocol_files
 from tactibench.protocols.schema import Protocol, SchemaT, parse_toml
 from tactibench.shipped import shipped_folder
 
@@ -63,6 +63,11 @@ class Ranking(Shown):
     name: Text
     unit: str = "mm"
 
+    @property
+    def head(self) -> str:
+        """Name and unit, for the head of a column and for an axis."""
+        return f"{self.name}, {self.unit}" if self.unit else self.name
+
 
 class Column(Shown):
     """A metric in a table.
@@ -72,15 +77,12 @@ class Column(Shown):
         interval: Whether the interval stands below the value.
         spread: Whether the standard deviation over training seeds stands beside the value.
         percent: Whether a share is shown in per cent whose metric has no unit.
-        interpolated: Whether the seeds are counted whose value is interpolated, instead of the
-            values shown.
     """
 
     head: Text
     interval: bool = True
     spread: bool = True
     percent: bool = False
-    interpolated: bool = False
 
 
 class Block(_Frozen):
@@ -92,7 +94,6 @@ class Block(_Frozen):
             column per group; ``{group}`` in its head becomes the name of the group.
         note: Explanation for the reader of the table.
         optional: Whether the table is left out where no row has its first column.
-        sorted: Whether the rows stand in the order of the first column, not in that of the board.
         apart: Name of the test, scored apart, whose error orders and ranks the rows; "": none.
         below: Metric -> name of a share; the share of the column's group stands below the metric.
     """
@@ -101,7 +102,6 @@ class Block(_Frozen):
     columns: Annotated[tuple[Column, ...], Field(min_length=1)]
     note: str = ""
     optional: bool = False
-    sorted: bool = False
     apart: str = ""
     below: Mapping[str, str] = {}
 
@@ -146,8 +146,9 @@ class BoardSpec(_Frozen):
     Attributes:
         ranking: The error that orders the board; None: the protocol is not ranked.
         apart: Name of a test that is scored apart -> the error that ranks it.
-        headline: The error of one run to show beside its speed.
+        depth: The error of the depth, which stands beside one in the plane; None: it needs none.
         note: How to read the tables of a run.
+        remark: What a reader of the board has to know: the error that ranks it, and the rows.
         blocks: Tables of the board.
         common: Names of tables that other protocols show, too.
         run_tables: Main tables of one run.
@@ -155,8 +156,9 @@ class BoardSpec(_Frozen):
 
     ranking: Ranking | None = None
     apart: Mapping[str, Ranking] = {}
-    headline: Shown | None = None
+    depth: Ranking | None = None
     note: str = ""
+    remark: str = ""
     blocks: tuple[Block, ...] = ()
     common: tuple[str, ...] = ()
     run_tables: tuple[RunTable, ...] = ()
@@ -165,7 +167,7 @@ class BoardSpec(_Frozen):
     def metrics(self) -> frozenset[str]:
         """Names of all metrics that are shown."""
         columns = (column for block in self.blocks for column in block.columns)
-        shown = (self.ranking, self.headline, *self.apart.values(), *columns)
+        shown = (self.ranking, self.depth, *self.apart.values(), *columns)
         in_runs = {name for table in self.run_tables for name in table.metrics}
         return frozenset({one.metric for one in shown if one is not None} | in_runs)
 
@@ -176,13 +178,16 @@ class OverviewColumn(Shown):
     Attributes:
         name: Name of the column.
         protocol: Protocol whose rows give the values.
-        published_frames: Whether the values are those of a real recording, on its published frames.
+        recording: First eight digits of the sha256 of the real recording whose rows give the
+            values; "": the row of the same training.
+        brief: Whether the column stands in the short table, too.
         head: Head of the column.
     """
 
     name: Text
     protocol: Text
-    published_frames: bool = False
+    recording: str = ""
+    brief: bool = False
     head: Text
 
 
@@ -203,13 +208,15 @@ class OverviewSpec(_Frozen):
 
 
 class RealLine(Ranking):
-    """A line of the page of real recordings: an error on each recording of a protocol.
+    """A column of the page of real recordings: an error on each recording of a protocol.
 
     Attributes:
         protocol: Id of the protocol.
+        table: Title of its table.
     """
 
     protocol: Text
+    table: Text
 
 
 class RealSpec(_Frozen):
@@ -220,7 +227,7 @@ class RealSpec(_Frozen):
         note: Explanation of the tables of errors.
         tau_note: Explanation of the comparison with simulated boards.
         names: First eight digits of the sha256 of a recording -> its name.
-        lines: The errors that are shown, in the order of the lines.
+        lines: The errors that are shown, in the order of the columns.
     """
 
     simulated: Text
@@ -392,13 +399,14 @@ def published_names(folder: Path) -> list[str]:
     return sorted(path.stem for path in folder.glob("*.toml"))
 
 
-def load_published(names: Iterable[str], folder: Path) -> list[PublishedTable]:
-    """Read ``folder/NAME.toml`` for every name, in that order.
+def load_published(names: Iterable[str], folder: Path | None = None) -> list[PublishedTable]:
+    """Read ``folder/NAME.toml`` for every name, in that order; None: the tables that ship.
 
     Raises:
         UserError: A name is unknown, or its file cannot be read, is not TOML, or has a wrong or
             missing key.
     """
+    folder = folder or shipped_folder("leaderboards/published")
     known, tables = published_names(folder), []
     for name in names:
         if name not in known:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import UserError, did_you_mean, read_file
 from tactibench.shipped import shipped_folder
 
 if TYPE_CHECKING:
@@ -188,22 +188,6 @@ def read_protocol(path: Path) -> LoadedProtocol:
     return LoadedProtocol(spec, path, names, digest.hexdigest())
 
 
-def read_file(path: Path, kind: str) -> bytes:
-    """Return the content of a file that a user names.
-
-    Args:
-        path: The file.
-        kind: Words for it in messages, such as "protocol file".
-
-    Raises:
-        UserError: It cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise UserError(f"{kind} {path} cannot be read ({error}); check the path.") from None
-
-
 def _test_frames(path: Path, spec: Protocol) -> tuple[str, ...]:
     recorded: Any = spec.recorded
     if recorded is None or recorded.test_frames is None:
@@ -245,6 +229,22 @@ class HiddenSeed:
     def data_seed(self) -> int:
         """Seed that test presses are drawn from, in place of the protocol's ``data_seed``."""
         return int.from_bytes(self._derived("presses"))
+
+    def redraw(self, spec: Protocol) -> Protocol:
+        """Return a protocol whose presses, and unseen sensors of the make, this seed draws."""
+        tests = tuple(
+            test.model_copy(update={"instances": tuple(map(self._instance, test.instances))})
+            for test in spec.test.apart
+        )
+        test = spec.test.model_copy(update={"apart": tests})
+        return spec.model_copy(update={"data_seed": self.data_seed, "test": test})
+
+    def _instance(self, public: int) -> int:
+        """Return the number of the sensor that presses in place of a public instance.
+
+        It is one of 10^9 - 10^6, the largest that a sensor may have, so that nobody can try all.
+        """
+        return 10**6 + int.from_bytes(self._derived(f"sensor {public}")) % (10**9 - 10**6)
 
     def _derived(self, purpose: str) -> bytes:
         text = f"tactibench hidden seed|{self.question}|{purpose}|".encode()
@@ -334,7 +334,7 @@ def recorded_seed(
 def commitment_file(protocol: LoadedProtocol, commitment: str, folder: Path | None = None) -> Path:
     """Return the file that publishes the hash of a hidden seed, and later the seed."""
     name = f"{protocol.spec.id}-{commitment[:8]}.toml"
-    return (folder or shipped_folder("hidden")) / name
+    return (folder or shipped_folder("leaderboards/hidden")) / name
 
 
 def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed, *, reveal: bool = False) -> str:

@@ -3,6 +3,7 @@
 from .answers import pack as pack
 from .answers import pack_contacts as pack_contacts
 from .answers import pack_plates as pack_plates
+from .answers import round_answers as round_answers
 from .answers import unpack as unpack
 from .answers import unpack_contacts as unpack_contacts
 from .answers import unpack_plates as unpack_plates

@@ -11,6 +11,14 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, PlatePose, Sites
 
 Arrays = dict[str, npt.NDArray[Any]]
+STEP = 2.0**-10
+"""Step of stored places, depths, forces and tilts: about 1 um, 1 mN, 0.001 deg. A value moves by at
+most half of it, a ninth of the smallest error on a board (0.0046 mm, of a depth). A model's further
+digits are noise, and would be half of a file."""
+LARGEST = 2.0**40
+"""Larger values stay as they are: there the step is lost in a float64."""
+RELATIVE = ("score", "std", "probability", "plate_std")
+"""Numbers whose size may be anything: ten binary digits of them are stored, 0.1 %."""
 
 
 def pack_contacts(answers: Sequence[Contacts]) -> Arrays:
@@ -110,3 +118,19 @@ def unpack(arrays: Mapping[str, npt.NDArray[Any]], kind: str) -> tuple[Answer | 
     by_kind: Any = {"contacts": unpack_contacts, "plate": unpack_plates, "sites": unpack_sites}
     answers: tuple[Answer | None, ...] = by_kind[kind](arrays)
     return answers
+
+
+def round_answers(arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
+    """Return packed answers as they are stored and scored, without digits that say nothing."""
+    return {
+        name: _rounded(name, array) if array.dtype.kind == "f" else array
+        for name, array in arrays.items()
+    }
+
+
+def _rounded(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    if name in RELATIVE:
+        mantissa, exponent = np.frexp(values)
+        return np.asarray(np.ldexp(np.rint(mantissa / STEP) * STEP, exponent))
+    near = np.clip(values, -LARGEST, LARGEST)
+    return np.where(near == values, np.rint(near / STEP) * STEP, values)

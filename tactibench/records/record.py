@@ -60,7 +60,7 @@ class Metric(_Strict):
         low: Lower end of the interval.
         high: Upper end of the interval.
         n: Number of values averaged.
-        clusters: Number of presses.
+        clusters: Number of presses; of sensors in a test that several sensors press.
         unit: Unit of the value.
         better: Which values are better.
         censored: "<" or ">" where the value is only a limit.
@@ -306,6 +306,7 @@ class Identity(_Open):
         sensor: The sensor, its parameters and its description of itself, or a hash of these.
         commit: Commit of the code, with ``+dirty`` where files were changed.
         hidden: Commitment to the hidden seed of the test presses.
+        plugins: Plugin -> distribution, version and start of the hash of its source.
         data: Hash of the pixels of every set of test frames.
         weights_hash: sha256 of the trained weights.
         predictions_hash: sha256 of the stored answers.
@@ -317,6 +318,7 @@ class Identity(_Open):
     sensor: Any = None
     commit: str = "unknown"
     hidden: str | None = None
+    plugins: dict[str, dict[str, str]] = {}
     data: list[str] | None = None
     weights_hash: str
     predictions_hash: str
@@ -560,11 +562,11 @@ class Record(_Strict):
     def shots(self) -> int:
         """Number of labelled presses of the tested sensor that were shown before every answer.
 
-        0 where there were none, or where groups of answers state their own numbers.
+        The options of the test say it; 0 where groups of answers state their own numbers.
         """
-        seen = self.data.of_tested_sensor
-        counts = [] if seen is None else seen.labelled_frames or []
-        return counts[0] if len(counts) == 1 else 0
+        options = [] if self.test_sensor is None else self.test_sensor.options
+        counts = [text.removeprefix("shots=") for text in options if text.startswith("shots=")]
+        return int(counts[0]) if counts else 0
 
     @property
     def test_sensor(self) -> TestSensor | None:

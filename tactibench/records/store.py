@@ -47,7 +47,7 @@ test frames for pictures."""
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StoredRun:
     """A run on disk.
 
@@ -59,7 +59,10 @@ class StoredRun:
 
     folder: Path
     record: Record
-    parts: Mapping[str, Arrays] = field(default_factory=dict, repr=False, compare=False)
+    parts: Mapping[str, Arrays] = field(default_factory=dict, compare=False)
+
+    def __repr__(self) -> str:
+        return f"StoredRun({self.name})"
 
     @property
     def name(self) -> str:

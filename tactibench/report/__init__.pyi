@@ -1,6 +1,5 @@
 """Public names of tactibench.report, and the modules that define them."""
 
-from .board_pages import READING as READING
 from .board_pages import BoardPage as BoardPage
 from .board_pages import PageFile as PageFile
 from .board_pages import PageSection as PageSection
@@ -9,9 +8,9 @@ from .board_pages import board_rows as board_rows
 from .board_pages import committed_page as committed_page
 from .board_pages import page_files as page_files
 from .board_pages import published_folder as published_folder
+from .board_tables import default_places as default_places
 from .board_tables import doubling_number as doubling_number
 from .board_tables import doubling_table as doubling_table
-from .board_tables import hard_case_tables as hard_case_tables
 from .board_tables import metric_table as metric_table
 from .board_tables import overview_table as overview_table
 from .board_tables import published_table as published_table
@@ -28,10 +27,6 @@ from .frame_plots import FrameExample as FrameExample
 from .frame_plots import contacts_figure as contacts_figure
 from .frame_plots import extent as extent
 from .frame_plots import single_figure as single_figure
-from .html_report import AUTO as AUTO
-from .html_report import BOARD as BOARD
-from .html_report import BOTH as BOTH
-from .html_report import RUNS as RUNS
 from .html_report import ReportBoard as ReportBoard
 from .html_report import ReportData as ReportData
 from .html_report import gather as gather
@@ -62,6 +57,7 @@ from .run_view import error_line as error_line
 from .run_view import misses_line as misses_line
 from .run_view import partial_line as partial_line
 from .run_view import place_line as place_line
+from .run_view import print_ranked as print_ranked
 from .run_view import print_run as print_run
 from .run_view import print_summary as print_summary
 from .run_view import speed_line as speed_line

@@ -1,22 +1,25 @@
 """The page of a board: a function of the committed records and published tables.
 
-The Markdown pages under ``leaderboards/`` and the chapters of the HTML report show the same tables.
+A Markdown page under ``leaderboards/`` is a sentence of result, a picture, and a short table of the
+models at their defaults. The chapters of the HTML report show all rows and tables.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from tactibench.board import (
     BELOW_BOUND,
-    TRIVIAL,
     Curve,
     Errors,
+    Ranks,
     Row,
     Section,
     all_press_errors,
@@ -25,25 +28,29 @@ from tactibench.board import (
     command_options,
     committed_protocols,
     curves,
-    fitted_frames,
+    fitted_words,
     frames_per_second,
+    frontiers,
     latency,
     machine,
     ordered,
-    prior_of,
+    overview,
+    ranking_error,
     ranks,
     read_submissions,
-    row_on_own_test,
+    recording_title,
     rows_of,
     section_key,
     sections_of,
     trained_on,
+    unseen_error,
     whole,
 )
 from tactibench.errors import UserError
 from tactibench.protocols import (
     LoadedProtocol,
     PublishedTable,
+    Ranking,
     board_spec,
     load_protocol,
     protocol_files,
@@ -55,44 +62,24 @@ from tactibench.report.board_tables import (
     BELOW,
     cost_table,
     curve_table,
-    hard_case_tables,
+    default_places,
+    doubling_table,
     metric_blocks,
     metric_table,
-    own_test_table,
+    overview_table,
     published_table,
+    shown_errors,
+    summary_table,
 )
-from tactibench.report.pages import render
+from tactibench.report.curve_plots import stability_figure
+from tactibench.report.pages import MADE, render
 from tactibench.report.real_page import real_page
 from tactibench.report.run_view import error_line
-from tactibench.report.tables import Table
+from tactibench.report.style import CURVES, save_png
+from tactibench.report.tables import Table, error_words, plural
+from tactibench.report.tradeoff_plots import frontier_figure, unseen_frontiers
 from tactibench.shipped import shipped_folder
 
-READING = (
-    "A table holds one sensor: simulated and real never share a column. A row is a model with its "
-    "settings (those that are not at their defaults), its encoder and, in brackets, its training "
-    "regime. Its training seeds are pooled. Below its name stand its prior knowledge, the number "
-    "of seeds, and whether the row was reproduced (`board reproduce`: somebody else made its runs "
-    "again from their requests). A row as submitted was not: its scores are computed from its "
-    "answers, and everything else is its submitter's word. Prior knowledge is what a model knew, "
-    "besides the frames of its regime, of contacts that press together; mixing is how many frames "
-    "it mixed out of single presses, for every training frame. Models in italics are trivial.",
-    "A value is the mean over seeds. Below it stands the mean of the seeds' 95 % intervals over "
-    "presses. `sd` is the standard deviation over training seeds, which is not part of the "
-    "interval. `n/a`: not measured, or one seed has no value.",
-    "Rows share a rank where their order may be chance, that of other presses and of other "
-    "training seeds. The first row of a rank has a smaller error than each row of a later rank, at "
-    "p < 0.05, adjusted for the number of comparisons (Holm). Two other rows of different ranks "
-    "need not differ. A row joins the rank of a row from which it cannot be told apart. So a row "
-    "whose seeds scatter can have a better rank than a row with a smaller error; the note below "
-    "the table names such rows. The first table of a section counts the presses.",
-    "p90: the time from one frame to its contacts in mm that nine of ten frames keep, on one "
-    "thread where nothing else is said. frames/s: the best batch. *: not settled, because the time "
-    "still drifted after the warm-up, or because others computed meanwhile. Compare times inside "
-    "one machine only. Operations: floating-point, of one frame. Memory: peak of the whole process "
-    "while it was timed. Training: a run that found its weights in the cache shows the time that "
-    "they took.",
-)
-"""How to read the tables of every board."""
 COSTS = {
     "p90_ms": ("ms", lambda record: latency(record, threads=1)),
     "frames_per_s": ("1/s", frames_per_second),
@@ -114,7 +101,8 @@ class PageSection:
         curves: Learning curves.
         notes: Sentences above the tables; `backticks` mark code.
         tables: All tables; the first one orders the rows.
-        commits: The commits that the runs were made with.
+        summaries: The short tables of the board's page, one a regime.
+        result: The sentences of the board's page, on these tables.
     """
 
     section: Section
@@ -122,7 +110,8 @@ class PageSection:
     curves: tuple[Curve, ...]
     notes: tuple[str, ...]
     tables: tuple[Table, ...]
-    commits: str
+    summaries: tuple[Table, ...]
+    result: str
 
     @property
     def title(self) -> str:
@@ -140,43 +129,99 @@ class BoardPage:
     """A board as data of a template.
 
     Attributes:
+        name: Id of the protocol.
         title: Title of the protocol.
-        intro: How the rows are ordered, or how the first one is made.
+        intro: How the rows are ordered and what the error means, or how the first row is made.
         sections: Tables of each sensor.
         published: A table a paper; empty where no paper has a row.
         machines: Fingerprint of every machine that timed a row -> the machine in words.
     """
 
+    name: str
     title: str
     intro: str
     sections: tuple[PageSection, ...]
     published: tuple[Table, ...]
     machines: Mapping[str, str]
 
-    def markdown(self) -> str:
+    @property
+    def shown(self) -> tuple[PageSection, ...]:
+        """Sections of the short page: nominal simulated sensors, or all where there are none."""
+        nominal = (one for one in self.sections if one.section.nominal)
+        simulated = tuple(one for one in nominal if one.section.origin == "simulated")
+        return simulated or self.sections
+
+    @property
+    def result(self) -> str:
+        """The sentences on the tables of the first sensor; "" without rows."""
+        return self.shown[0].result if self.shown else ""
+
+    @property
+    def caption(self) -> str:
+        """What the page's picture shows, in words."""
+        if load_protocol(self.name).spec.axes:
+            return "Error of each model as a case becomes harder, a panel for each kind of case"
+        return "Error of each model against the time of an answer; a lower, faster one is better"
+
+    @property
+    def figure(self) -> Callable[[], Figure] | None:
+        """What draws the page's picture; None where no row was timed."""
+        if not self.shown or not self.result:
+            return None
+        section = self.shown[0]
+        protocol, error = load_protocol(self.name), board_spec(self.name).ranking
+        regime = next(iter(protocol.spec.regimes))
+        rows = [section.rows[k] for k in default_places(section.rows)]
+        rows = [row for row in rows if not row.trivial and row.regime == regime]
+        words = section.summaries[0].title
+        if axes := protocol.spec.axes:
+            return partial(stability_figure, rows[:CURVES], axes, measured_on=words)
+        if error is None or not (found := frontiers(rows, error))[0].points:
+            return None
+        unseen = unseen_frontiers(self.name, section.section, found)
+        return partial(frontier_figure, found, error, unseen=unseen, measured_on=words)
+
+    def markdown(self, *, pictured: bool = False) -> str:
         """Return the page as it stands under ``leaderboards/``.
 
-        It is about two screens long: the first table of the first sensor is shown, all others are
-        folded behind their titles.
+        Args:
+            pictured: Whether a picture stands beside the page.
         """
-        return render("board.md.j2", page=self, reading=READING)
+        elsewhere = any(s.section.origin == "real" for s in self.sections if s not in self.shown)
+        return render("board.md.j2", page=self, pictured=pictured, elsewhere=elsewhere)
 
 
 @dataclass(frozen=True)
 class PageFile:
-    """The file of a page under ``leaderboards/``: its text, and the number of its records."""
+    """The file of a page under ``leaderboards/``, and its picture.
+
+    Attributes:
+        path: The file.
+        text: Its text.
+        records: Number of its records.
+        figure: Draws the picture; None: the page has none.
+    """
 
     path: Path
     text: str
     records: int
+    figure: Callable[[], Figure] | None = None
+
+    @property
+    def picture(self) -> Path:
+        """The file of the picture."""
+        return self.path.parent / "images" / f"{self.path.stem}.png"
 
     @property
     def current(self) -> bool:
-        """True if the file holds exactly this text."""
-        return self.path.is_file() and self.path.read_bytes() == self.text.encode()
+        """True if the file holds exactly this text, and its picture is there."""
+        same = self.path.is_file() and self.path.read_bytes() == self.text.encode()
+        return same and (self.figure is None or self.picture.is_file())
 
     def write(self) -> None:
-        """Write the file, whole or not at all."""
+        """Write the picture and the file, each whole or not at all."""
+        if self.figure is not None:
+            save_png(self.figure(), self.picture)
         with atomic(self.path) as stream:
             stream.write(self.text.encode())
 
@@ -192,8 +237,8 @@ def page_files(board: Path) -> list[PageFile]:
     Raises:
         UserError: There is no board, or it holds records of an unknown protocol.
     """
-    check_folder(board)
-    names, trained = protocol_files(), {}
+    check_folder(board, writes=True)
+    names, trained, boards = protocol_files(), {}, []
     for name in committed_protocols(board):
         if name not in names:
             raise UserError(
@@ -205,11 +250,18 @@ def page_files(board: Path) -> list[PageFile]:
         path, records = board / f"{name}.md", read_submissions(board, name)
         if records or path.is_file():  # a laboratory shows its own protocols, not all that ship
             page = committed_page(load_protocol(name), board, records)
-            pages.append(PageFile(path, page.markdown(), len(records)))
+            text = page.markdown(pictured=page.figure is not None)
+            pages.append(PageFile(path, text, len(records), page.figure))
+            boards.append(page)
             trained[name] = records
     real = real_page(trained)
     if real.tables:
         pages.append(PageFile(board / "real.md", real.markdown(), real.records))
+    index = board / "README.md"
+    if not index.is_file() or MADE in index.read_text(encoding="utf-8"):  # not a laboratory's own
+        glance = overview_table(overview(trained), brief=True)
+        text = render("index.md.j2", boards=boards, real=real, glance=glance)
+        pages.append(PageFile(index, text, sum(page.records for page in pages)))
     return pages
 
 
@@ -233,7 +285,7 @@ def committed_page(
 def published_folder(board: Path) -> Path:
     """Return the folder of the published tables: the board's own, or that of the package."""
     own = board / "published"
-    return own if own.is_dir() else shipped_folder("published")
+    return own if own.is_dir() else shipped_folder("leaderboards/published")
 
 
 def board_page(
@@ -253,24 +305,25 @@ def board_page(
     by_section: dict[str, list[Record]] = {}
     for record in records:
         by_section.setdefault(canonical(section_key(record)), []).append(record)
-    whole_records = whole(records)
     sections = tuple(
         _page_section(
             protocol,
             section,
             by_section[canonical(section_key(section.record))],
-            whole_records,
             errors,
         )
-        for section in sections_of(whole_records)
+        for section in sections_of(whole(records))
     )
-    name, ranking = protocol.spec.id, board_spec(protocol.spec.id).ranking
-    intro = "" if ranking is None else f"Rows are ordered by {ranking.name}, trivial ones last."
+    name, spec = protocol.spec.id, board_spec(protocol.spec.id)
+    intro = spec.remark
+    if spec.ranking is not None:
+        intro = f"Rows are ordered by {spec.ranking.name}, trivial ones last. {intro}".rstrip()
     if not sections:
         intro = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
     papers = (published_table(paper, protocol.spec.id) for paper in published)
     timed = [r for section in sections for row in section.rows for r in row.records if r.speed]
     return BoardPage(
+        name,
         f"{name}: {protocol.spec.title}",
         intro,
         sections,
@@ -283,7 +336,6 @@ def _page_section(
     protocol: LoadedProtocol,
     section: Section,
     records: Iterable[Record],
-    whole_records: Sequence[Record],
     errors: Errors,
 ) -> PageSection:
     """Return a section of a board.
@@ -292,37 +344,119 @@ def _page_section(
         protocol: The protocol.
         section: Rows of the section.
         records: Records of the section.
-        whole_records: Records of all sections that learned from all presses.
         errors: Errors press by press, by the name of the record.
     """
     name, first = protocol.spec.id, section.record
     spec, rows = board_spec(name), ordered(name, section.rows)
     error, ranked = spec.ranking, ranks(name, rows, errors)
+    on_sensors = {test.name for test in protocol.spec.test.apart if test.instances}
     tables: list[Table | None] = []
     for k, block in enumerate(metric_blocks(spec, rows)):
         if block.apart:
             apart = ordered(name, rows, block.apart)
             order = ranks(name, apart, errors, block.apart)
-            apart_table = metric_table(block, apart, order)
+            unit = "sensors" if block.apart in on_sensors else "presses"
+            apart_table = metric_table(block, apart, order, unit)
             # A row has one place to link to.
             tables.append(apart_table and replace(apart_table, anchors=()))
         else:
             tables.append(metric_table(block, rows, None if k else ranked))
-    if first.test_sensor is not None and error is not None:
-        own_test = [row_on_own_test(row, whole_records) for row in rows]
-        tables.append(own_test_table(rows, own_test, error))
     if protocol.spec.axes:
-        tables += hard_case_tables(rows, protocol.spec.axes)
+        some = [row for row in rows if not row.trivial]  # what is always wrong doubles nothing
+        tables.append(doubling_table(some, protocol.spec.axes) if some else None)
     learning = () if error is None else tuple(curves(rows_of(records), error))
     if error is not None:
         tables.append(curve_table(learning, error))
     timed = any(record.speed for row in rows for record in row.records)
     if timed and (first.test_sensor is None or trained_on(first)):
         tables.append(cost_table(rows))  # elsewhere the same weights cost the same
-    notes = tuple(filter(None, _notes(name, rows)))
+    notes = tuple(filter(None, _notes(rows)))
     said: set[str] = set()
     shown = tuple(_say_once(table, said) for table in tables if table is not None)
-    return PageSection(section, tuple(rows), learning, notes, shown, _commits(rows))
+    summaries, result = shown[:1], ""
+    if error is not None:
+        groups = list(_by_regime(protocol, rows))
+        summaries = tuple(_summaries(protocol, section, groups, errors))
+        result = _result(protocol, groups, errors)
+        result = f"{_words(section)}. {result}" if result else ""
+    facts = (section, tuple(rows), learning, notes, shown)
+    return PageSection(*facts, summaries, result)
+
+
+def _by_regime(protocol: LoadedProtocol, rows: Sequence[Row]) -> Iterator[list[Row]]:
+    """Yield the rows of every regime at their defaults, the protocol's first regime first."""
+    chosen = [rows[k] for k in default_places(rows)]
+    for regime in dict.fromkeys([*protocol.spec.regimes, *(row.regime for row in chosen)]):
+        if group := [row for row in chosen if row.regime == regime]:
+            yield group
+
+
+def _words(section: Section) -> str:
+    """Return the sensor or the recording of a section, as the head of its tables."""
+    real = section.origin == "real" or trained_on(section.record)
+    return recording_title(section.record) if real else section.title
+
+
+def _regime(protocol: LoadedProtocol, rows: Sequence[Row]) -> str:
+    """Return "trained in regime NAME" of rows of one regime; "" for the protocol's first one."""
+    regime = rows[0].regime
+    return "" if regime == next(iter(protocol.spec.regimes)) else f"trained in regime {regime}"
+
+
+def _summaries(
+    protocol: LoadedProtocol, section: Section, groups: Iterable[Sequence[Row]], errors: Errors
+) -> Iterator[Table]:
+    """Yield the short table of every regime, with the ranks inside it."""
+    name, columns = protocol.spec.id, shown_errors(protocol)
+    for rows in groups:
+        title = ", ".join(filter(None, (_words(section), _regime(protocol, rows))))
+        ranked = ranks(name, rows, errors)
+        found = None if ranked is None else summary_table(rows, ranked, columns, title)
+        if found is not None:
+            yield found
+
+
+def _result(protocol: LoadedProtocol, groups: Sequence[Sequence[Row]], errors: Errors) -> str:
+    """Return the smallest errors: of every regime, and of the first one on unseen sensors.
+
+    Returns:
+        "" without models that are not trivial.
+    """
+    name, error, unseen = protocol.spec.id, ranking_error(protocol.spec.id), unseen_error(protocol)
+    parts = []
+    for rows in groups:
+        models = [row for row in rows if not row.trivial]
+        if best := _best(error, models, ranks(name, models, errors)):
+            regime = _regime(protocol, models).capitalize()
+            count = plural(len(models), "model")
+            parts.append(f"{regime or f'Smallest {error.name} of {count}'}: {best}.")
+        if best and not regime and unseen is not None:
+            apart = next(test for test, one in board_spec(name).apart.items() if one is unseen)
+            best = _best(unseen, models, ranks(name, models, errors, apart))
+            parts += [f"On sensors that no training saw: {best}."] if best else []
+    return " ".join(parts)
+
+
+def _best(error: Ranking, rows: Sequence[Row], ranked: Ranks | None) -> str:
+    """Return "NAME, ERROR" of the smallest error, and which rows may be as good; "" without one.
+
+    Args:
+        error: The error.
+        rows: The rows.
+        ranked: Their ranks by it.
+    """
+    values = [row.metric(error.metric, error.group) for row in rows]
+    known = {k: value.value for k, value in enumerate(values) if value is not None}
+    if not known or ranked is None:
+        return ""
+    best = min(known, key=known.__getitem__)
+    head, number = error_words(error, values[best])
+    unit = head.removeprefix(error.name).removeprefix(", ")
+    value = "" if number is None else f"{number.text} {unit}".rstrip()
+    ranks_of = zip(rows, ranked.by_row, strict=True)
+    level = [row.short for row, rank in ranks_of if rank and rank.best == 1 and row != rows[best]]
+    text = f"{rows[best].short}, {value}"
+    return f"{text}; {' and '.join(level)} may be as good" if level else text
 
 
 def _say_once(table: Table, said: set[str]) -> Table:
@@ -332,7 +466,7 @@ def _say_once(table: Table, said: set[str]) -> Table:
     return replace(table, notes=new)
 
 
-def _notes(name: str, rows: Sequence[Row]) -> Iterator[str]:
+def _notes(rows: Sequence[Row]) -> Iterator[str]:
     """Yield how a section was tested, how exact its simulator is, and which rows it lacks."""
     first = rows[0].first
     yield _tested(first, shots=any(row.first.shots for row in rows))
@@ -340,12 +474,6 @@ def _notes(name: str, rows: Sequence[Row]) -> Iterator[str]:
     line = next(filter(None, lines), "")  # all were tested on the same scenes
     yield f"{line[0].upper()}{line[1:]}." if line else ""
     yield f"{BELOW}: {BELOW_BOUND}." if any(row.below_bound for row in rows) else ""
-    absent = sorted(TRIVIAL - {row.first.model.name for row in rows})
-    if absent and not trained_on(first):  # the board does not know where recordings lie
-        options = "".join({command_options(row.first) for row in rows})
-        text = f"`tactibench run {name} --model {absent[0]}{options}`"
-        text += "".join(f", and with `--model {model}`" for model in absent[1:])
-        yield f"Trivial rows are missing: {text} on this sensor."
 
 
 def _tested(record: Record, *, shots: bool) -> str:
@@ -362,13 +490,7 @@ def _tested(record: Record, *, shots: bool) -> str:
     if frames != tested.presses:
         counted = f"{frames:,} frames of {counted}"
     if trained_on(record):  # what it was trained on stands in the title
-        fitted = fitted_frames(record)
-        if fitted is None:
-            return ""
-        fits = f"offset and pivot of the labels to {fitted.labels:,}"
-        if fitted.simulator:
-            fits = f"the simulated sensor to {fitted.simulator:,}, which test nothing; {fits}"
-        return f"`labelled frames besides` counts those to which something else was fitted: {fits}."
+        return fitted_words(record)
     instances = training_instances(record)
     learned_from = f"{instances} sensors of the make" if instances else "the sensor itself"
     options = command_options(record)[1:]
@@ -377,17 +499,6 @@ def _tested(record: Record, *, shots: bool) -> str:
     if shots:
         text += " Rows with labelled presses saw so many of it before (`--test shots=N`)."
     return text
-
-
-def _commits(rows: Iterable[Row]) -> str:
-    """Return the commits that the runs were made with, and whether files had been changed."""
-    counts = Counter(record.identity.commit for row in rows for record in row.records)
-    parts = []
-    for commit, count in sorted(counts.items()):
-        name, plus, _ = commit.partition("+")
-        changed = ", with uncommitted changes" if plus else ""
-        parts.append(f"`{name[:10]}`{changed} ({count})")
-    return f"Runs by commit of tactibench: {'; '.join(parts)}."
 
 
 def machine_words(record: Record) -> str:
@@ -425,17 +536,18 @@ def board_rows(
             ranked = ranks(protocol.spec.id, section.rows, errors)
             for k, row in enumerate(section.rows):
                 rank = None if ranked is None else ranked.by_row[k]
+                best, worst = rank or (None, None)
+                place = {"best_rank": best, "worst_rank": worst}
                 subject = {
                     "protocol": protocol.spec.id,
                     "sensor": section.title,
                     "model": row.model,
                     "encoder": row.encoder or None,
                     "regime": row.regime,
-                    "prior": prior_of(row.first),
-                    "mixing": row.mixing or None,
+                    "prior": row.prior,
                     "seeds": list(row.seeds),
                 }
-                lines += [{**subject, **facts, "rank": rank} for facts in _facts(row)]
+                lines += [{**subject, **facts, **place} for facts in _facts(row)]
     return lines
 
 
@@ -453,6 +565,7 @@ def _facts(row: Row) -> Iterator[dict[str, Any]]:
                 "sd": pooled.sd,
                 "clusters": list(pooled.clusters),
                 "censored": pooled.censored,
+                "limits": pooled.limits,
             }
     for part in by_machine(row):
         for metric, (unit, quantity) in COSTS.items():

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from tactibench.board import (
     Case,
@@ -12,26 +13,28 @@ from tactibench.board import (
     FamilyErrors,
     OverviewLine,
     PooledMetric,
+    RankInterval,
     Ranks,
     Row,
     by_machine,
     counts,
     family_errors,
-    fitted_frames,
     frames_per_second,
     label_of,
     latency,
     machine,
-    prior_of,
     row_anchor,
     settled,
+    unseen_error,
 )
 from tactibench.protocols import (
     Axis,
     BoardSpec,
+    LoadedProtocol,
     PublishedRow,
     PublishedTable,
     Ranking,
+    board_spec,
     load_protocol,
     overview_spec,
     rows_for,
@@ -49,6 +52,7 @@ from tactibench.report.tables import (
     Table,
     Text,
     duration,
+    error_words,
     fixed,
     general,
     is_share,
@@ -67,6 +71,12 @@ BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
 WITH_INTERVALS = 2
 """Most models whose intervals fit beside each other."""
+KNEW = {
+    "plain addition": "addition",
+    "nominal mechanics": "mechanics",
+    "fitted to multi-contact labels": "pairs",
+}
+"""What a model knew of contacts before it saw a frame, in one word."""
 PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distance error, mm"}
 DOUBLING_NOTE = (
     "Value at which the error is twice that of the easy case, linear between the cases; below "
@@ -84,6 +94,7 @@ def board_table(
     title: str,
     notes: Iterable[str] = (),
     ranks: Ranks | None = None,
+    brief: bool = False,
 ) -> Table | None:
     """Return a table of rows of a board, without columns and rows that hold no value.
 
@@ -95,6 +106,7 @@ def board_table(
         notes: Sentences below the table.
         ranks: Ranks of the rows, for a column before the others; the names of the rows then say
             prior knowledge and seeds, and a page can be linked to them. None: no such column.
+        brief: Whether the names say what the model knew in one word, and no more.
 
     Returns:
         None where nothing is left.
@@ -106,8 +118,8 @@ def board_table(
     cells: list[list[Cell]] = []
     for k in shown:
         rank = None if ranks is None else ranks.by_row[k]
-        first = [] if ranks is None else [None if rank is None else Number(rank, fixed(0))]
-        name = row_name(rows[k], details=ranks is not None)
+        first = [] if ranks is None else [_rank(rank)]
+        name = row_name(rows[k], details=ranks is not None, brief=brief)
         cells.append([*first, name, *(body[k][c] for c in used)])
     left_out = len(rows) - len(shown)
     gaps = f"{plural(left_out, 'row')} without a value not shown." if left_out else ""
@@ -117,19 +129,78 @@ def board_table(
     return table(columns, cells, title=title, notes=(*notes, gaps), anchors=anchors)
 
 
-def row_name(row: Row, *, details: bool = False) -> Text:
+def _rank(rank: RankInterval | None) -> Number | None:
+    """Return the places between which chance decides; they are sorted by the first of them."""
+    return None if rank is None else Number(rank.best, lambda _: str(rank))
+
+
+def row_name(row: Row, *, details: bool = False, brief: bool = False) -> Text:
     """Return the label of a row, in italics for a trivial model.
 
     Args:
         row: The row.
-        details: Whether prior knowledge and the number of seeds stand below.
+        details: Whether prior knowledge, the number of seeds and who reproduced it stand below.
+        brief: Whether what the model knew stands below, in one word.
     """
-    known = prior_of(row.first)  # how many frames were mixed stands in the label
-    prior = "" if known == "none" else f"prior knowledge: {known}, "
     label = f"{row.label} {BELOW}" if row.below_bound else row.label
-    seeds = plural(len(row.records), "seed")
-    below = f"{prior}{seeds}, {row.reproduced}" if details else ""
+    known = "" if row.prior == "none" else f"prior knowledge: {row.prior}, "
+    below = f"{known}{plural(len(row.records), 'seed')}, {row.reproduced}" if details else ""
+    if brief:
+        below = f"knew {KNEW[row.prior]}" if row.prior in KNEW else ""
     return Text(label, "italic" if row.trivial else "", below)
+
+
+def default_places(rows: Sequence[Row]) -> list[int]:
+    """Return the places of one row of each model and regime: that at the defaults, or its best.
+
+    Args:
+        rows: Rows in the order of the board.
+    """
+    chosen: dict[tuple[str, str], int] = {}
+    for k in sorted(range(len(rows)), key=lambda k: not rows[k].default):
+        chosen.setdefault((rows[k].first.model.name, rows[k].regime), k)
+    return sorted(chosen.values())
+
+
+def shown_errors(protocol: LoadedProtocol) -> list[Ranking]:
+    """Return the errors of a short table: what ranks, the depth, and the error on unseen sensors.
+
+    Returns:
+        [] where no error ranks the protocol.
+    """
+    spec = board_spec(protocol.spec.id)
+    wanted = spec.ranking, spec.depth, unseen_error(protocol)
+    return [error for error in wanted if error is not None] if spec.ranking else []
+
+
+def summary_table(
+    rows: Sequence[Row], ranks: Ranks, errors: Sequence[Ranking], title: str
+) -> Table | None:
+    """Return the table of a board's page: seven columns, or fewer where nothing was measured.
+
+    Args:
+        rows: Rows, in the order of the table.
+        ranks: Their ranks.
+        errors: The error that ranks the board, and others beside it; with three of them the time
+            of training is left out.
+        title: Heading of the table.
+    """
+    error = errors[0]
+    misses = {"missed": "missed, %", "coverage": "answered, %"}
+    found = (name for name in misses if any(row.metric(name, error.group) for row in rows))
+    name = next(found, "missed")
+    heads = [error_words(one, None)[0] for one in errors]
+    costs = ("p90, ms", "training")[: 4 - len(errors)]
+    heads += [misses[name], *costs]
+    body: list[list[Cell]] = []
+    for row in rows:
+        values = [error_words(one, row.metric(one.metric, one.group))[1] for one in errors]
+        missed = metric_number(row.metric(name, error.group), 2, interval=False)
+        body.append([*values, missed, *_brief_costs(row)[: len(costs)]])
+    pooled = (row.metric(error.metric, error.group) for row in rows)
+    presses = span([count for one in pooled if one is not None for count in one.clusters])
+    notes = [f"{presses} presses.", ranks.note]
+    return board_table(rows, heads, body, title=title, notes=notes, ranks=ranks, brief=True)
 
 
 def metric_blocks(spec: BoardSpec, rows: Iterable[Row]) -> tuple[BoardTable, ...]:
@@ -152,81 +223,31 @@ def metric_blocks(spec: BoardSpec, rows: Iterable[Row]) -> tuple[BoardTable, ...
     return (BoardTable(title="Metrics", columns=columns),)
 
 
-def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = None) -> Table | None:
+def metric_table(
+    spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = None, unit: str = "presses"
+) -> Table | None:
     """Return the table of a board; None where no row has its first column.
 
     Args:
         spec: Metrics of the table.
         rows: Rows, in the order of the table.
         ranks: Ranks of the rows; None: they are not ranked here.
+        unit: What the intervals are over.
     """
     first = spec.columns[0]
-    if spec.sorted:
-        rows = sorted(rows, key=lambda row: _first_value(row, first))
     pooled = [row.metric(first.metric, first.group) for row in rows]
     if spec.optional and not any(pooled):
         return None
-    fitted = [fitted_frames(row.first) for row in rows]
     heads = [column.head for column in spec.columns]
     body: list[list[Cell]] = [[_metric_cell(row, c, spec) for c in spec.columns] for row in rows]
-    if any(fitted):
-        heads.insert(0, "labelled frames besides")
-        for cells, frames in zip(body, fitted, strict=True):
-            cells.insert(0, Number(0 if frames is None else frames.known, fixed(0)))
     presses = [count for value in pooled if value is not None for count in value.clusters]
-    counted = f"{span(presses)} presses." if presses else ""
-    ranking = () if ranks is None else (ranks.note, _unsure(ranks, rows))
-    notes = (spec.note, counted, *ranking)
+    counted = f"{span(presses)} {unit}." if presses else ""
+    notes = (spec.note, counted, "" if ranks is None else ranks.note)
     return board_table(rows, heads, body, title=spec.title, notes=notes, ranks=ranks)
-
-
-def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Ranking) -> Table | None:
-    """Return the error of rows beside that of the same weights on the protocol's own test.
-
-    Args:
-        rows: Rows that were tested on something else.
-        own: Rows of the same weights on the protocol's own test; None where there are none.
-        error: Error that ranks the board.
-
-    Returns:
-        None where no row was tested on the protocol's own test.
-    """
-
-    def written(row: Row | None) -> Cell:
-        pooled = None if row is None else row.metric(error.metric, error.group)
-        return metric_number(pooled, error.decimals)
-
-    if not any(own):
-        return None
-    body = [[written(here), written(there)] for here, there in zip(rows, own, strict=True)]
-    head = f"{error.name}, {error.unit}"
-    heads = (f"here: {head}", f"the protocol's own test: {head}")
-    note = "The same weights on both; each interval is over the presses of its own test."
-    return board_table(rows, heads, body, title="Beside the protocol's own test", notes=[note])
-
-
-def _unsure(ranks: Ranks, rows: Sequence[Row]) -> str:
-    """Return a sentence on the rows whose rank is better than that of a smaller error, or ""."""
-    if not ranks.unsure:
-        return ""
-    labels = "; ".join(rows[k].label for k in sorted(ranks.unsure))
-    return (
-        f"These rows share the rank of a row with a smaller error, because their seeds scatter: "
-        f"{labels}."
-    )
-
-
-def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:
-    pooled = row.metric(column.metric, column.group)
-    return (True, 0.0) if pooled is None else (False, pooled.value)
 
 
 def _metric_cell(row: Row, column: MetricColumn, spec: BoardTable) -> Cell:
     """Return a value over seeds; below it the share that qualifies it, and the seeds' sd."""
-    if column.interpolated:  # "2 of 3" seeds with a value have one between the measured distances
-        metrics = [record.metric(column.metric, column.group) for record in row.records]
-        methods = [metric.method for metric in metrics if metric and metric.value is not None]
-        return f"{methods.count('interpolated')} of {len(methods)}" if methods else None
     pooled = row.metric(column.metric, column.group)
     if pooled is not None and column.percent:
         pooled = replace(pooled, unit="share")
@@ -236,42 +257,41 @@ def _metric_cell(row: Row, column: MetricColumn, spec: BoardTable) -> Cell:
     if pooled is not None and pooled.sd is not None and column.spread:
         scale = 100.0 if pooled.unit == "share" else 1.0
         below.append(f"sd {number(scale * pooled.sd, column.decimals)}")
+    if pooled is not None and pooled.limits:
+        below.append(pooled.limits)
     return metric_number(pooled, column.decimals, interval=column.interval, below=", ".join(below))
 
 
 def cost_table(rows: Sequence[Row]) -> Table | None:
     """Return speed and cost, a line for every row and machine."""
+    columns: dict[str, Callable[[Row], Cell]] = {
+        "p90, ms": p90,
+        "p50, ms": lambda row: _mean(
+            row, partial(latency, threads=1, statistic="p50_ms"), significant
+        ),
+        "p90, all threads, ms": lambda row: _mean(row, partial(latency, threads=None), significant),
+        "frames/s": lambda row: _mean(row, frames_per_second, fixed(0)),
+        "weights": lambda row: _mean(row, lambda r: r.efficiency.parameters, scaled),
+        "operations": lambda row: _mean(row, lambda r: r.efficiency.flops_per_frame, scaled),
+        "memory, MB": lambda row: _mean(row, lambda r: r.efficiency.peak_memory_mb, fixed(0)),
+        "training": lambda row: _mean(row, lambda r: r.training.seconds, duration),
+        "machine": lambda row: Text(machine(row.first), "code"),
+    }
     parts = [part for row in rows for part in by_machine(row)]
-    heads = (
-        "p90, ms",
-        "p50, ms",
-        "p90, all threads, ms",
-        "frames/s",
-        "weights",
-        "operations",
-        "memory, MB",
-        "training",
-        "machine",
-    )
-    return board_table(parts, heads, [[*_costs(row)] for row in parts], title="Speed and cost")
-
-
-def _costs(row: Row) -> Iterator[Cell]:
-    yield p90(row)
-    yield _mean(row, lambda r: latency(r, threads=1, statistic="p50_ms"), significant)
-    yield _mean(row, lambda r: latency(r, threads=None), significant)
-    yield _mean(row, frames_per_second, fixed(0))
-    yield _mean(row, lambda r: r.efficiency.parameters, scaled)
-    yield _mean(row, lambda r: r.efficiency.flops_per_frame, scaled)
-    yield _mean(row, lambda r: r.efficiency.peak_memory_mb, fixed(0))
-    yield _mean(row, lambda r: r.training.seconds, duration)
-    yield Text(machine(row.first), "code")
+    body = [[write(row) for write in columns.values()] for row in parts]
+    return board_table(parts, list(columns), body, title="Speed and cost")
 
 
 def p90(row: Row) -> Number | None:
     """Return the p90 of one frame on one thread, ms; a star marks a time that is not settled."""
     mean = _mean(row, lambda record: latency(record, threads=1), significant)
     return mean if mean is None or settled(row) else replace(mean, mark="*")
+
+
+def _brief_costs(row: Row) -> list[Cell]:
+    """Return p90 and time of training, without their spread."""
+    costs = (p90(row), _mean(row, lambda record: record.training.seconds, duration))
+    return [None if cost is None else replace(cost, below="") for cost in costs]
 
 
 def _mean(row: Row, quantity: Callable[[Record], float | None], write: Format) -> Number | None:
@@ -306,22 +326,6 @@ def curve_table(curves: Sequence[Curve], error: Ranking) -> Table | None:
     return table(heads, body, title="Learning curve", notes=[note])
 
 
-def hard_case_tables(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Table | None]:
-    """Return where errors double: by families that change the press, and by families of faults."""
-    families = [family_errors(row, axes) for row in rows]
-    pressed = [a for a in axes if a.ordered and a.reference.startswith(f"{a.family}:")]
-    faults = [axis for axis in axes if axis.ordered and axis not in pressed]
-    tables = []
-    for what, shown in (("what is pressed", pressed), ("the camera and its light", faults)):
-        body = [
-            [doubling_number(grade.doubles) for grade in grades if grade.axis in shown]
-            for grades in families
-        ]
-        heads, title = [family_head(axis) for axis in shown], f"Where the error doubles: {what}"
-        tables.append(board_table(rows, heads, body, title=title, notes=[DOUBLING_NOTE]))
-    return tables
-
-
 def family_head(axis: Axis) -> str:
     """Return the name of a family with its unit, such as "grazing, mm"."""
     return f"{axis.family}, {axis.unit}" if axis.unit else axis.family
@@ -331,7 +335,8 @@ def doubling_number(pooled: PooledMetric | None) -> Number | None:
     """Return the value at which an error doubles: "0.21" with its interval, or "> 6.5"."""
     if pooled is None:
         return None
-    return Number(pooled.value, general, (pooled.low, pooled.high), pooled.censored or "")
+    interval = (pooled.low, pooled.high)
+    return Number(pooled.value, general, interval, pooled.censored or "", pooled.limits)
 
 
 def family_table(row: Row, axes: Sequence[Axis]) -> Table:
@@ -382,47 +387,38 @@ def doubling_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
 def overview_table(
     lines: Iterable[OverviewLine],
     *,
-    interval: bool = True,
-    regime: bool = True,
+    brief: bool = False,
     link: Callable[[str], str] = lambda _: "",
 ) -> Table:
     """Return the overview as a table: one line for each model, over several boards.
 
     Args:
         lines: Lines of the overview, in their order.
-        interval: Whether intervals stand below the values.
-        regime: Whether a name says in which regime the model was trained.
+        brief: Whether models at their defaults alone are shown, in six columns without intervals.
         link: Makes the link to a row of the first protocol from its anchor.
     """
     spec = overview_spec()
-    heads: list[Head] = [
-        "model",
-        "prior knowledge",
-        *(Column(column.head) for column in spec.columns),
-        Column("worst hard case: OSPA, mm"),
-        Column("p90, one thread, ms"),
-        Column("training"),
-    ]
+    shown = [k for k, column in enumerate(spec.columns) if column.brief or not brief]
+    heads: list[Head] = ["model", *(Column(spec.columns[k].head) for k in shown)]
+    heads += [Column("p90, one thread, ms"), *([] if brief else [Column("training")])]
     rows: list[list[Cell]] = []
     for line in lines:
-        row, worst = line.row, line.worst
-        cells = (
-            metric_number(value, column.decimals, interval=interval)
-            for value, column in zip(line.values, spec.columns, strict=True)
-        )
-        name = Text(line_name(row, regime=regime), link=link(row_anchor(row)))
-        hard = None if worst is None else Number(worst.error_mm, fixed(1), below=worst.family)
-        costs = (p90(row), _mean(row, lambda record: record.training.seconds, duration))
-        shown = (None if cost is None else replace(cost, below="") for cost in costs)
-        rows.append([name, row.prior, *cells, hard, *shown])
+        name = line_name(line.row)
+        if brief and name != line.row.first.model.name:
+            continue
+        known = row_name(line.row, brief=True)
+        columns = ((line.values[k], spec.columns[k].decimals) for k in shown)
+        cells = (metric_number(value, digits, interval=not brief) for value, digits in columns)
+        costs = _brief_costs(line.row)
+        shown_name = replace(known, text=name, link="" if brief else link(row_anchor(line.row)))
+        rows.append([shown_name, *cells, *(costs[:1] if brief else costs)])
     return table(heads, rows, title="Models over all boards", notes=[spec.note])
 
 
-def line_name(row: Row, *, regime: bool = True) -> str:
+def line_name(row: Row) -> str:
     """Return the label of a row, with its training sensor where that is not the protocol's own."""
     default = load_protocol(row.first.protocol.id).spec.defaults.sensor
-    sensor = row.first.sensor.text()
-    label = label_of(row.first, regime=regime)
+    sensor, label = row.first.sensor.text(), label_of(row.first)
     return label if sensor == default else f"{label}, trained on {sensor}"
 
 

@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.text import Text
 
 from tactibench.board import (
-    BELOW_BOUND,
     Comparison,
     MetricComparison,
     ReproducedMetric,
@@ -100,10 +99,14 @@ def comparison_table(
         *(["one only"] if apart else []),
     ]
     rows = []
-    for row in comparison.rows:
+    for row in _with_values(comparison):
         alone = "/".join(f"{n:,}" for n in row.alone) if any(row.alone) else ""
         rows.append([*_cells(row, signs), *([alone] if apart else [])])
     return table(heads, rows)
+
+
+def _with_values(comparison: Comparison) -> list[MetricComparison]:
+    return [row for row in comparison.rows if row.difference.value is not None]
 
 
 def _cells(row: MetricComparison, signs: tuple[str, str]) -> Iterator[tables.Cell]:
@@ -155,8 +158,14 @@ def _notes(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> Iter
             "one only: presses of which the first/the second alone has a value; they are "
             "in neither mean, so read the misses beside the error."
         )
+    empty = {row.metric for pair in comparisons for row in pair.rows} - {
+        row.metric for pair in comparisons for row in _with_values(pair)
+    }
+    if empty:
+        names = ", ".join(sorted(NAMES.get(name, name) for name in empty))
+        yield f"No press of which both have a value: {names}."
     if others := left_out(runs):
-        yield f"No means over presses, not compared: {', '.join(others)}."
+        yield f"No means over presses, not compared: {', '.join(NAMES.get(n, n) for n in others)}."
 
 
 def print_sweep(console: Console, states: Mapping[Cell, CellState], store: Path) -> None:
@@ -189,9 +198,9 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
     lines = (
         f"VERIFIED {verdict.path.name}",
         f"  {verdict.subject}",
-        f"  {record.protocol.id}@{record.protocol.version}: truth of "
-        f"{verdict.frames:,} test frames made again, predictions "
-        f"{record.identity.predictions_hash[:12]}, {len(verdict.again)} metric rows equal",
+        f"  {record.protocol.label}, answers {record.identity.predictions_hash[:12]}",
+        f"  checked: {verdict.checked}",
+        f"  as submitted, these files cannot show it: {verdict.unknown}",
     )
     for k, line in enumerate(lines):
         console.print(Text(line, style="" if k else "bold"), soft_wrap=True)
@@ -205,10 +214,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         for row in verdict.headline()
     ]
     print_table(console, table(("  metric", "group", "value [95 %]", Column("presses")), rows))
-    for row in verdict.below_bound():
-        text = f"  BELOW the Cramer-Rao bound: {named(row.metric, '')} of {row.group} is "
-        console.print(Text(f"{text}{row.value:.3g}; {BELOW_BOUND}", style="bold"), soft_wrap=True)
-    text = "  all else is its submitter's word until the run is made again (`board reproduce`)"
+    text = "  `tactibench board reproduce` makes the run again, which shows all of it but the times"
     console.print(Text(text, style="dim"), soft_wrap=True)
 
 

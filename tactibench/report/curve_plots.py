@@ -166,7 +166,7 @@ def _show_family(
     for k, (grade, look, label) in enumerate(zip(grades, looks, labels, strict=True)):
         drawn += _show_curve(axes, grade, DODGE * (k - middle), label, look)
     values = [case.value for case in grades[0].cases]
-    axes.set_xticks(range(len(values)), [f"{value:g}" for value in values], fontsize=8)
+    axes.set_xticks(range(len(values)), [f"{value:g}" for value in values], fontsize=7)
     if drawn:  # an error of 0 has no place on a logarithmic axis
         axes.set_yscale("log")
         log_ticks(axes.yaxis)
@@ -221,7 +221,7 @@ def stability_data(
     for label in labels:
         if label not in by_label:
             raise UserError(f"no row is called {label!r}; {did_you_mean(label, by_label)}")
-    chosen = [by_label[label] for label in labels] or list(chosen)
+    chosen = [by_label[label] for label in labels] or [row for row in chosen if not row.trivial]
     subject = f"{protocol}, {section.title.lower()}"
     rows = list(_stability_rows(chosen, axes))
     return PlotData(
@@ -241,8 +241,9 @@ def _stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> Iterator[dict[
             subject = {"group": row.label, "family": axis.family}
             if doubles is not None:
                 ends = {"value": doubles.value, "low": doubles.low, "high": doubles.high}
-                facts = {"censored": doubles.censored, "unit": axis.unit, "harder": axis.harder}
-                yield {"metric": "doubles_at", **subject, **ends, **facts}
+                limits = {"censored": doubles.censored, "limits": doubles.limits}
+                facts = {"unit": axis.unit, "harder": axis.harder}
+                yield {"metric": "doubles_at", **subject, **ends, **limits, **facts}
             for case in grade.cases:
                 if case.error is not None:
                     error = case.error

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from tactibench.contacts import Contacts, Grid
 from tactibench.report.style import (
@@ -163,6 +164,7 @@ def single_figure(
         mae = f"MAE {np.abs(error[:, k]).mean():.4f} mm" if len(error) else "no predictions"
         histogram.set_title(mae, fontsize=9)
         for axes in (scatter, histogram):
+            axes.xaxis.set_major_locator(MaxNLocator(4))  # labels of small errors are long
             plain(axes)
     headline(figure, title, measured_on, f"{len(true):,} presses")
     return figure

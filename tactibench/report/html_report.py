@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from tactibench import __version__
 from tactibench.board import (
     Errors,
+    PressErrors,
     Row,
     all_press_errors,
     check_folder,
@@ -32,7 +33,7 @@ from tactibench.board import (
     slot,
 )
 from tactibench.errors import UserError, did_you_mean
-from tactibench.metrics import Trials, gospa_per_frame
+from tactibench.metrics import Trials, gospa_with_depth
 from tactibench.protocols import (
     LoadedProtocol,
     PublishedTable,
@@ -44,7 +45,6 @@ from tactibench.protocols import (
 )
 from tactibench.records import Record, StoredRun, stored_runs
 from tactibench.report.board_pages import (
-    READING,
     BoardPage,
     PageSection,
     board_page,
@@ -66,9 +66,8 @@ from tactibench.report.tradeoff_plots import (
     unseen_frontiers,
 )
 from tactibench.run import folder_label
+from tactibench.shipped import default_board
 
-AUTO, RUNS, BOARD, BOTH = "auto", "runs", "board", "both"
-"""Origins of the rows of a report, as ``tactibench report --from`` names them."""
 POLICY = (
     "default-src 'none'; script-src '{}'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'"
@@ -77,7 +76,7 @@ INDEX = "index.html"
 WORST_ROWS, WORST = 8, 3
 """Most rows whose worst frames are shown, the best first, and number of frames of each."""
 PAGE_DPI = 100
-Advance = Callable[[str], None]
+Advance = Callable[[int], None]
 T = TypeVar("T")
 
 
@@ -123,16 +122,12 @@ class ReportData:
     origin: str
 
 
-def gather(
-    store: Path, board: Path, *, origin: str = AUTO, protocols: Sequence[str] = ()
-) -> ReportData:
-    """Return the data of a report, read from a store and a board.
+def gather(store: Path | None, board: Path | None, *, protocols: Sequence[str] = ()) -> ReportData:
+    """Return the data of a report, read from a store, a board, or both.
 
     Args:
-        store: The run store.
-        board: Folder of the leaderboards.
-        origin: AUTO, RUNS, BOARD or BOTH; AUTO takes the store's runs where it holds complete
-            ones, else the committed records.
+        store: The run store; None: no stored runs.
+        board: Folder of the leaderboards; None: no committed records.
         protocols: Protocols that are shown; () for all that have records.
 
     Raises:
@@ -143,27 +138,27 @@ def gather(
     for name in protocols:
         if name not in names:
             raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, names)}")
-    runs = list(stored_runs(store)) if origin != BOARD else []
+    runs = [] if store is None else list(stored_runs(store))
     complete = [run for run in runs if not run.record.partial]
-    if origin == AUTO:
-        origin = RUNS if complete else BOARD
-    if origin != RUNS:
+    if board is not None:
         check_folder(board)
     read = [
-        _board(load_protocol(name), complete, board, origin)
+        _board(load_protocol(name), complete, board)
         for name in names
         if not protocols or name in protocols
     ]
     boards = [one for one in read if one.records or one.name in protocols]
-    if not boards or (origin == RUNS and not complete):
+    if not any(one.records for one in boards):
+        asked = f" of {' and '.join(protocols)}" if protocols else ""
+        places = " or ".join(folder_label(place) for place in (board, store) if place is not None)
         raise UserError(
-            f"there is no complete run to show in {store if origin == RUNS else board}; run a "
-            "protocol whole, or name another folder with --store, --board or --from."
+            f"there is no complete run{asked} to show in {places}; run a protocol whole, or name "
+            "another folder with --store or --board."
         )
     stored = sum(len(one.runs) for one in boards)
     committed = sum(len(one.records) for one in boards) - stored
-    shown = [plural(committed, "committed record")] if origin != RUNS else []
-    if origin != BOARD:
+    shown = [] if board is None else [plural(committed, "committed record")]
+    if store is not None:
         shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
     newest = max((r.created[:10] for one in boards for r in one.records), default="none")
     text = f"Made from {' and '.join(shown)}, the newest of {newest}."
@@ -172,9 +167,7 @@ def gather(
     return ReportData(tuple(boards), text)
 
 
-def _board(
-    protocol: LoadedProtocol, runs: Iterable[StoredRun], board: Path, origin: str
-) -> ReportBoard:
+def _board(protocol: LoadedProtocol, runs: Iterable[StoredRun], board: Path | None) -> ReportBoard:
     """Return a board: of one row and seed the newest stored run, else the committed record."""
     newest: dict[str, StoredRun] = {}
     for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
@@ -182,16 +175,17 @@ def _board(
             newest[slot(run.record)] = run
     by_name = {run.record.name: run for run in newest.values()}
     committed: list[Record] = []
-    if origin != RUNS:
+    errors: dict[str, PressErrors] = {}
+    if board is not None:
         records = read_submissions(board, protocol.spec.id)
         committed = [record for record in records if slot(record) not in newest]
-    errors = all_press_errors(board, committed)
+        errors = all_press_errors(board, committed)
     if board_spec(protocol.spec.id).ranking is not None:
         for name, run in by_name.items():
             arrays = run.arrays("truth"), run.arrays("predictions")
             errors[name] = press_errors_of(protocol.spec, *arrays)
     shown = sorted((*committed, *(run.record for run in by_name.values())), key=lambda r: r.name)
-    tables = tuple(published_for(protocol.spec, published_folder(board)))
+    tables = tuple(published_for(protocol.spec, published_folder(board or default_board())))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
 
 
@@ -234,10 +228,9 @@ def report_page(data: ReportData, *, advance: Advance = lambda _: None) -> str:
 
     Args:
         data: Data of the report.
-        advance: Called with the name of the protocol that is being drawn.
+        advance: Called with 1 when the tables of a board are made, and when its figures are.
     """
     chapters = [_chapter(board, advance) for board in data.boards]
-    advance("page")
     links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters)]
     return _rendered(data, chapters, links, address=lambda _, anchor: f"#{anchor}")
 
@@ -249,11 +242,10 @@ def site_pages(data: ReportData, *, advance: Advance = lambda _: None) -> Iterat
 
     Args:
         data: Data of the site.
-        advance: Called with the name of the protocol that is being drawn.
+        advance: Called with 1 when the tables of a board are made, and when its figures are.
     """
     others = [(f"{board.name}.html", board.name) for board in data.boards]
     links = [(INDEX, "All boards"), *others]
-    advance("page")
     address = "{}.html#{}".format
     yield INDEX, _rendered(data, [], links, here=INDEX, address=address)
     for board in data.boards:
@@ -262,13 +254,14 @@ def site_pages(data: ReportData, *, advance: Advance = lambda _: None) -> Iterat
 
 
 def _chapter(board: ReportBoard, advance: Advance) -> Chapter:
-    advance(board.name)
     page = board.page
+    advance(1)
     rows = [row for part in page.sections for row in part.rows]
     lacking = board.protocol.spec.answer == "contacts" and not any(
         row.first.name in board.runs for row in rows
     )
     figures = tuple(_figures(part, board) for part in page.sections)
+    advance(1)
     key = re.sub(r"[^a-z0-9-]", "-", board.name)
     return Chapter(key, page, figures, board.name if lacking else "")
 
@@ -312,7 +305,6 @@ def _rendered(
         overall=overall,
         real=real,
         glance=address is not None,
-        reading=READING,
     )
 
 
@@ -388,7 +380,7 @@ def _worst_frames(rows: Sequence[Row], board: ReportBoard) -> Iterator[Option]:
             gate=spec.test.gate_mm,
             level=spec.test.level,
         )
-        errors = gospa_per_frame(trials, 1).values
+        errors = gospa_with_depth(trials).values
         examples = [
             (f"{trials.press[k]}: {errors[k]:.3f} mm", arrays.example(frames[k]))
             for k in np.argsort(-errors, kind="stable")[:WORST]

@@ -13,6 +13,8 @@ from markupsafe import Markup
 
 from tactibench.report.tables import MISSING, Cell, Number, Table
 
+MADE = "<!-- Made by `tactibench board write` from submissions/; do not edit. -->"
+"""Second line of every page of a board."""
 _MARKUP = re.compile(r"([\\`*_{}\[\]#|~])")
 _CODE = re.compile(r"`([^`]*)`")
 
@@ -41,6 +43,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals["made"] = MADE
     environment.filters |= {
         "md": escape,
         "md_prose": prose_markdown,

@@ -1,7 +1,7 @@
 """Progress of long work: bars on a terminal, lines in a log.
 
-Where the output is no terminal, such as a log of CI or of a cluster, a line is written every 30
-seconds: the time, the phase, the share done, and the time left.
+Where the output is no terminal, such as a log of CI or of a cluster, a line is written after 3
+seconds and every 30 that follow: the time, the phase, the share done, and the time left.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from tactibench.report.tables import duration
 from tactibench.run import NullReporter, Reporter
 
 INTERVAL_S = 30.0
-"""Time between two lines of long work. Shorter work writes no line, so that a log holds results."""
+"""Time between two lines of long work. The first comes after a tenth of it, so that nobody waits
+without knowing for what; shorter work writes no line, so that a log holds results."""
 
 
 def progress_on(console: Console, *, quiet: bool = False) -> Reporter:
@@ -121,7 +122,10 @@ class Steps:
 
 
 class ProgressLines:
-    """Progress as lines of text, one every ``interval_s`` seconds while steps are done."""
+    """Progress as lines of text while steps are done.
+
+    The first comes after a tenth of ``interval_s`` seconds, the others every ``interval_s``.
+    """
 
     def __init__(
         self,
@@ -131,7 +135,7 @@ class ProgressLines:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._write, self._interval_s, self._clock = write, interval_s, clock
-        self._last = clock()
+        self._due = clock() + interval_s / 10
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
@@ -162,9 +166,10 @@ class ProgressLines:
     ) -> None:
         """Write phase, share done, time so far and time left where the last line is old enough."""
         now = self._clock()
-        if now - self._last < self._interval_s:
+        so_far, fresh = now - began, done - before
+        if now < self._due or so_far < self._interval_s / 30:  # too early to tell the time left
             return
-        self._last, so_far, fresh = now, now - began, done - before
+        self._due = now + self._interval_s
         text = f"{title}: {done:,} of {total:,} ({done / max(total, 1):.0%}), {duration(so_far)}"
         text += " so far"
         if fresh > 0:

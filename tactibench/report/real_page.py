@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 from tactibench.board import (
     GUESS,
@@ -13,15 +13,25 @@ from tactibench.board import (
     RealTest,
     agreement,
     real_tests,
-    simulated_order,
+    simulated_orders,
 )
-from tactibench.protocols import board_spec, real_spec
+from tactibench.protocols import real_spec
 from tactibench.records import Record
 from tactibench.report.pages import render
-from tactibench.report.tables import Cell, Column, Head, Number, Table, Text, fixed, table
+from tactibench.report.tables import (
+    Cell,
+    Column,
+    Head,
+    Number,
+    Table,
+    Text,
+    fixed,
+    significant,
+    table,
+)
 
-UNSEEN = "unseen"
-"""Group of the metrics on simulated sensors that no training saw."""
+KINDS = ("two real recordings", "a simulated board and a real recording", "two simulated boards")
+"""Pairs of boards."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +39,15 @@ class RealPage:
     """The page as data of a template.
 
     Attributes:
+        result: A sentence on the models with the smallest errors.
+        validity: A sentence on whether simulated boards order the models as real recordings do; ""
+            where too few models are on both.
         tables: Tables of errors, and the agreement with simulated boards.
         records: Number of records whose values they show.
     """
 
+    result: str
+    validity: str
     tables: tuple[Table, ...]
     records: int
 
@@ -49,39 +64,68 @@ def real_page(records: Mapping[str, Sequence[Record]]) -> RealPage:
     """
     tests = real_tests(records)
     own = [test for test in tests if not test.trained_on]
-    others = [test for test in tests if test.trained_on]
-    note = real_spec().note
-    tables = [
-        error_table(own, "Trained and tested on one recording", [note]),
-        error_table(others, "Trained on one recording or sensor, tested on another", []),
-        agreement_table(own, records.get(real_spec().simulated, ())),
-    ]
+    titles = dict.fromkeys(test.line.table for test in own)
+    tables = [error_table([t for t in own if t.line.table == title], title) for title in titles]
+    tables[:1] = [replace(one, notes=(real_spec().note,)) for one in tables[:1]]
+    agreed = agreement_table(own, records.get(real_spec().simulated, ()))
+    tables += [moved_table([test for test in tests if test.trained_on]), agreed]
     shown = {r.name for test in tests for row in test.rows.values() for r in row.records}
-    return RealPage(tuple(one for one in tables if one.rows), len(shown))
+    orders = [test.order for test in own if test.order]
+    best = Counter(min(order, key=lambda model: order[model].value) for order in orders)
+    leads = [f"{model} on {n}" for model, n in best.most_common()]
+    result = f"The smallest error of {len(own)} tests: {', '.join(leads)}." if leads else ""
+    return RealPage(result, _validity(agreed), tuple(one for one in tables if one.rows), len(shown))
 
 
-def error_table(tests: Sequence[RealTest], title: str, notes: Iterable[str]) -> Table:
-    """Return a table of errors: one line a test, one column a model, trivial ones last.
+def error_table(tests: Sequence[RealTest], title: str) -> Table:
+    """Return a table of errors: a line a model, by its mean share, trivial ones last.
 
     Args:
-        tests: Tests, in the order of the lines.
+        tests: Tests, one a column.
         title: Heading of the table.
-        notes: Sentences below it.
     """
-    counts = Counter(name for test in tests for name in test.rows if name != GUESS)
-    models = sorted(counts, key=lambda name: (name in TRIVIAL, -counts[name], name))
-    heads: list[Head] = ["recording", "error", Column("guessing"), *map(Column, models)]
-    rows: list[list[Cell]] = []
+
+    def place(name: str) -> tuple[bool, float]:
+        shares = [share for test in tests if (share := test.share(name)) is not None]
+        return name in TRIVIAL, sum(shares) / len(shares) if shares else 1.0
+
+    models = sorted({name for test in tests for name in test.rows}, key=lambda n: (place(n), n))
+    heads = [f"{test.recording}: {test.line.name}" for test in tests]
+    rows = [[_name(model), *(_cell(test, model) for test in tests)] for model in models]
+    return table(["model", *map(Column, heads)], rows, title=title)
+
+
+def moved_table(tests: Iterable[RealTest]) -> Table:
+    """Return the errors of models on another recording than that of their training.
+
+    There is one line a pair of recordings and model, and one column for each number of labelled
+    presses of the tested recording that a model was shown.
+    """
+    lines: dict[tuple[str, str, str], dict[int, RealTest]] = {}
     for test in tests:
-        known = [f"trained on {test.trained_on}"] if test.trained_on else []
-        known += [f"shown {test.shots} labelled presses of this one"] if test.shots else []
-        line: list[Cell] = [
-            Text(test.recording, below=", ".join(known)),
-            Text(test.line.name, below=test.line.protocol),
-            _guess(test),
-        ]
-        rows.append([*line, *(_cell(test, name) for name in models)])
-    return table(heads, rows, title=title, notes=notes)
+        group = test.line.group
+        shots = int(group) if group.isdigit() else test.shots
+        for model in sorted(test.rows, key=lambda name: (name in TRIVIAL, name)):
+            if model != GUESS:
+                pair = (test.recording, test.trained_on, model)
+                lines.setdefault(pair, {})[shots] = test
+    shown = sorted({shots for found in lines.values() for shots in found})
+    rows: list[list[Cell]] = []
+    for (recording, trained_on, model), found in lines.items():
+        guess = next(iter(found.values())).error(GUESS)
+        where = Text(recording, below=f"trained on {trained_on}")
+        cells = (_cell(found[shots], model) if shots in found else None for shots in shown)
+        guessed = None if guess is None else Number(guess.value, significant)
+        rows.append([where, _name(model), guessed, *cells])
+    heads: list[Head] = ["tested on", "model", Column("error of mean, mm")]
+    heads += [Column(f"{'' if k else 'labelled presses shown: '}{n}") for k, n in enumerate(shown)]
+    title = "Trained on one recording or sensor, tested on another"
+    note = "Values as above; the error alone where `mean` was not tested."
+    return table(heads, rows, title=title, notes=[note])
+
+
+def _name(model: str) -> Text:
+    return Text(model, "italic" if model in TRIVIAL else "")
 
 
 def _cell(test: RealTest, model: str) -> Cell:
@@ -90,12 +134,8 @@ def _cell(test: RealTest, model: str) -> Cell:
     if error is None:
         return None
     text = _with_unit(test, error.value)
-    return text if share is None else Number(share, fixed(3), below=text)
-
-
-def _guess(test: RealTest) -> Cell:
-    error = test.error(GUESS)
-    return None if error is None else _with_unit(test, error.value)
+    # A share of wrong sets is that of guessing already, which is wrong on all.
+    return text if share is None else Number(share, fixed(3), below=text if test.line.unit else "")
 
 
 def _with_unit(test: RealTest, value: float) -> str:
@@ -109,19 +149,30 @@ def agreement_table(tests: Iterable[RealTest], simulated: Sequence[Record]) -> T
         tests: Tests on the recording of the training.
         simulated: Records of the protocol that is compared.
     """
-    spec = real_spec()
-    ranking = board_spec(spec.simulated).ranking
-    nominal = "all" if ranking is None else ranking.group
-    order = partial(simulated_order, simulated)
-    boards = {"simulated sensor of the training": order(nominal), "unseen ones": order(UNSEEN)}
-    rows: list[list[Cell]] = []
+    orders = simulated_orders(simulated)
+    boards = list(orders)
     for test in tests:
-        found = [agreement(test.order, on_board) for on_board in boards.values()]
-        if any(found):
-            models = max(one.models for one in found if one is not None)
-            taus = [None if one is None else Number(one.tau, fixed(2)) for one in found]
-            rows.append([test.recording, test.line.protocol, Number(models, fixed(0)), *taus])
-    heads: list[Head] = ["recording", "protocol", Column("models")]
-    heads += [Column(f"tau: {name}") for name in boards]
-    title = "Do simulated boards predict these orders?"
-    return table(heads, rows, title=title, notes=[spec.tau_note])
+        orders.setdefault(f"{test.recording} ({test.line.protocol})", test.order)
+    rows: list[list[Cell]] = []
+    for one, other in combinations(orders, 2):
+        found = agreement(orders[one], orders[other])
+        if found is not None:
+            tau = Number(found.tau, fixed(2), (found.low, found.high))
+            kind = KINDS[(one in boards) + (other in boards)]
+            rows.append([kind, one, other, Number(found.models, fixed(0)), tau])
+    rows.sort(key=lambda row: KINDS.index(str(row[0])))
+    heads: list[Head] = ["pair of", "order on", "and on", Column("models"), Column("tau")]
+    title = "Do simulated boards predict the order of models on real sensors?"
+    return table(heads, rows, title=title, notes=[real_spec().tau_note])
+
+
+def _validity(agreed: Table) -> str:
+    """Return the taus of the pairs of boards that hold a real recording, in a sentence."""
+    parts = []
+    for kind in KINDS[:2]:
+        taus = [row[-1] for row in agreed.rows if row[0] == kind]
+        ends = sorted((tau for tau in taus if isinstance(tau, Number)), key=lambda tau: tau.value)
+        if ends:
+            span = " to ".join(dict.fromkeys((ends[0].text, ends[-1].text)))
+            parts.append(f"{span} for {kind}")
+    return f"Kendall's tau between the orders of models: {'; '.join(parts)}." if parts else ""

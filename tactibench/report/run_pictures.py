@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 
 from tactibench.board import Row, label_of
 from tactibench.contacts import Contacts, FloatArray
-from tactibench.protocols import Protocol, load_published, version_of
+from tactibench.protocols import Protocol, family_of, load_published, version_of
 from tactibench.records import Arrays, StoredRun, atomic, measured_on, unpack_contacts
 from tactibench.report.curve_plots import distance_figure, stability_figure
 from tactibench.report.frame_plots import FrameExample, contacts_figure, single_figure
 from tactibench.report.style import image_bytes
-from tactibench.shipped import shipped_folder
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,9 @@ def draw_pictures(run: StoredRun) -> list[Path]:
     elif "images" in arrays.examples:  # a reader could not interpret a picture of channels
         figures["frame"] = _median_frame(arrays)
     if spec.test.group == "all" and not spec.families:
-        answered = [k for k, contacts in enumerate(arrays.predicted) if len(contacts)]
+        apart = {test.name for test in spec.test.apart}  # other sensors have figures of their own
+        main = (family_of(str(group)) not in apart for group in arrays.truth["group"])
+        answered = [k for k, own in enumerate(main) if own and len(arrays.predicted[k])]
         figures["errors"] = single_figure(
             _first_contacts([arrays.contacts[k] for k in answered]),
             _first_contacts([arrays.predicted[k] for k in answered]),
@@ -96,7 +97,7 @@ def draw_pictures(run: StoredRun) -> list[Path]:
             measured_on=where,
         )
     if spec.test.group == "distance":
-        published = load_published(spec.published.tables, shipped_folder("published"))
+        published = load_published(spec.published.tables)
         figures["distance"] = distance_figure([row], published=published, measured_on=where)
     # All are rendered before the first is written, so that a failure to draw leaves none.
     images = {run.folder / f"{name}.png": image_bytes(f, "png") for name, f in figures.items()}
@@ -107,8 +108,10 @@ def draw_pictures(run: StoredRun) -> list[Path]:
 
 
 def _median_frame(arrays: RunArrays) -> Figure:
-    """Draw the stored test frame with the median error."""
+    """Draw the stored test frame with the median error, of those with most contacts."""
     rows = arrays.examples["index"].tolist()
+    most = max(len(arrays.contacts[row]) for row in rows)
+    rows = [row for row in rows if len(arrays.contacts[row]) == most]
     errors = [press_error(arrays.contacts[row], arrays.predicted[row]) for row in rows]
     row = rows[int(np.argsort(errors, kind="stable")[len(rows) // 2])]
     record, press = arrays.run.record, arrays.truth["press"][row]

@@ -18,9 +18,10 @@ from tactibench.protocols import (
     PublishedTable,
     RunTable,
     board_spec,
+    load_protocol,
     rows_for,
 )
-from tactibench.records import Metric, Record, SpeedRow, measured_on
+from tactibench.records import Metric, Record, SensorId, SpeedRow, StoredRun, measured_on
 from tactibench.report.tables import (
     HEADS,
     NAMES,
@@ -31,6 +32,7 @@ from tactibench.report.tables import (
     Number,
     Table,
     duration,
+    error_words,
     fixed,
     general,
     metric_number,
@@ -39,14 +41,14 @@ from tactibench.report.tables import (
     plural,
     print_table,
     published_number,
-    significant,
     span,
     table,
 )
 from tactibench.run import settled_time
+from tactibench.shipped import OWN_BOARD, default_board
 
 if TYPE_CHECKING:
-    from tactibench.board import Placement
+    from tactibench.board import Placement, Section
 
 MISSES = {
     "missed": ("missed", 1, " %"),
@@ -57,15 +59,13 @@ MISSES = {
 """Metrics that stand beside every error -> name, decimals and unit."""
 WHOLE = ("all", "mean")
 """Groups that stand for all test frames."""
-MOST_METRICS = 4
-"""Most metrics of a protocol that declares no table: more would not be a summary."""
+MOST_METRICS = 6
+"""Most metrics of a run in ten lines."""
 GLOSSARY = "docs/glossary.md"
 NO_INTERVAL_NOTE = (
     f"{NO_INTERVAL}: no interval. One press has none, and of few presses the bootstrap of R2 may "
     "give none that holds its value."
 )
-BOUND = "rmse_over_bound"
-"""Metric that is the ratio of the RMSE of an axis to its Cramer-Rao bound."""
 FALSE = "false_per_1000"
 TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
@@ -86,7 +86,7 @@ def print_summary(
         board: Folder of the board.
     """
     headline = headline_table(record)
-    _print_title(console, record, plural(record.data.test, "test frame"))
+    _print_title(console, record)
     _print_warning(console, record)
     print_table(console, headline)
     if lacks_interval(headline):
@@ -95,27 +95,36 @@ def print_summary(
         console.print(Text(line), soft_wrap=True)
     console.print(Text(record.signature, style="dim"), soft_wrap=True)
     stored = "record and pictures" if any(folder.glob("*.png")) else "record"
-    text = f"more: --full; {stored}: {folder}; words: {GLOSSARY}"
+    words = f"; words: {GLOSSARY}" if Path(GLOSSARY).is_file() else ""  # not beside a wheel
+    text = f"more: --full; {stored}: {folder}{words}"
     console.print(Text(text), soft_wrap=True)
     console.print(Text(place_line(record, folder, place, board)), soft_wrap=True)
 
 
 def headline_table(record: Record) -> Table:
-    """Return the first main table that has groups, or else the metrics over all test frames."""
+    """Return the error that ranks the board, those of tests apart, and errors over all frames."""
+    from tactibench.board import unseen_error
+
     spec = board_spec(record.protocol.label)
-    run_table = next((columns for columns in spec.run_tables if columns.groups), None)
-    if run_table is not None:
-        return measured_table(run_table, record)
-    over_all = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
-    if spec.headline is not None:
-        first = (spec.headline.metric, spec.headline.group)
-        over_all.sort(key=lambda m: (m.metric, m.group) != first)
-    decimals = 3 if spec.headline is None else spec.headline.decimals
-    shown = [
-        (named(m.metric, m.unit), metric_number(m, decimals), f"{m.clusters:,}")
-        for m in over_all[:MOST_METRICS]
-    ]
-    return table(["", "value [95 % interval]", Column("presses")], shown)
+    ranked = [] if spec.ranking is None else [spec.ranking, *spec.apart.values()]
+    unseen = unseen_error(load_protocol(record.protocol.id)) if ranked else None
+    rows: list[list[Cell]] = []
+    for error in ranked:
+        metric = record.metric(error.metric, error.group)
+        if metric is not None:
+            name, value = error_words(error, metric)
+            name += " (ranks the board)" if error is spec.ranking else ""
+            unit = " sensors" if error == unseen else ""
+            rows.append([name, value, f"{metric.clusters:,}{unit}"])
+    said = {(error.metric, error.group) for error in ranked}
+    further = {name: d for columns in spec.run_tables for name, d in columns.metrics.items()}
+    for m in record.metrics:
+        asked = m.metric not in MISSES and (not further or m.metric in further)
+        if m.group in WHOLE and asked and (m.metric, m.group) not in said:
+            value = metric_cell(m, further.get(m.metric, 3))
+            rows.append([named(m.metric, m.unit), value, f"{m.clusters:,}"])
+    rows = [row for row in rows if row[1] is not None][:MOST_METRICS]
+    return table(["", "value [95 % interval]", Column("presses")], rows)
 
 
 def truth_lines(record: Record) -> Iterator[str]:
@@ -156,7 +165,7 @@ def speed_line(record: Record) -> str:
 
 
 def place_line(record: Record, folder: Path, place: Placement | None, board: Path) -> str:
-    """Return rank, distance to the bound, and what to do next, in one line.
+    """Return the rank, and what to do next, in one line.
 
     Args:
         record: Record of the run.
@@ -164,57 +173,98 @@ def place_line(record: Record, folder: Path, place: Placement | None, board: Pat
         place: Place of the run on the board; None where it has none.
         board: Folder of the board.
     """
-    parts = [*_place(record, place), f"next: {_next(record, folder.parent, place, board)}"]
+    parts = [*_place(record, place, board), f"next: {_next(record, folder.parent, board)}"]
     return f"place: {'; '.join(parts)}"
 
 
-def _place(record: Record, place: Placement | None) -> Iterator[str]:
+def _place(record: Record, place: Placement | None, board: Path) -> Iterator[str]:
     if place is None:
+        from tactibench.board import read_submissions, section_key, sections_of
+
         shortened = record.partial or record.limits.presses is not None
+        rows = () if shortened else read_submissions(board, record.protocol.id)
+        others = sections_of(row for row in rows if section_key(row) != section_key(record))
+        titles = dict.fromkeys(_tested_on(section, record.sensor) for section in others)
         why = "a shortened run is on no board" if shortened else "no board row to compare with"
         yield f"no rank, {why}"
+        if titles:
+            yield f"its rows are of other test frames: {' and '.join(list(titles)[:2])}"
     else:
         from tactibench.board import FEWEST_PRESSES, FEWEST_SEEDS
 
         rank = f"rank {place.rank} of {place.rows} by {place.ranking.name}"
         if place.rank is None:
-            rank = f"no rank yet, which takes {FEWEST_SEEDS} seeds and {FEWEST_PRESSES} presses"
+            rank = (
+                f"no rank yet, which takes {FEWEST_SEEDS} seeds (--seeds 0,1,2) and "
+                f"{FEWEST_PRESSES} presses"
+            )
         if place.above is None:
             yield f"{rank}, nothing above"
         else:
             pooled = place.above.metric(place.ranking.metric, place.ranking.group)
             value = "" if pooled is None else f" {number(pooled.value, place.ranking.decimals)}"
             yield f"{rank}, above it {place.above.label}{value}"
-    ratios = [m.value for m in record.metrics if m.metric == BOUND and m.value is not None]
-    if ratios:
-        low, high = significant(min(ratios)), significant(max(ratios))
-        ends = low if low == high else f"{low} to {high}"
-        yield f"RMSE {ends} times the bound"
-    else:
-        threshold, limit = (record.metric(name, "all") for name in ("threshold_mm", "limit_mm"))
-        if limit is not None and limit.value is not None and threshold is not None:
-            shown = metric_number(threshold, 2, interval=False)
-            yield f"threshold {shown or 'n/a'} mm, limit {number(limit.value, 2)} mm"
+
+
+def _tested_on(section: Section, mine: SensorId) -> str:
+    """Return the title of a section, with up to three defaults of its sensor that mine has not.
+
+    Defaults of one sensor differ between versions of tactibench.
+    """
+    theirs = section.sensor
+    old = [
+        f"{name}={value}"
+        for name, value in theirs.parameters.items()
+        if name not in theirs.settings and mine.parameters.get(name) != value
+    ]
+    words = f" with {', '.join(old[:3])}" if old and theirs.name == mine.name else ""
+    return f"{section.title}{words}"
+
+
+def print_ranked(console: Console, runs: Sequence[StoredRun]) -> None:
+    """Print runs of one protocol as rows of a table, seeds pooled, with the ranks among them."""
+    from tactibench.board import ordered, press_errors_of, ranks, rows_of
+    from tactibench.report.board_tables import shown_errors, summary_table
+
+    protocol = load_protocol(runs[0].record.protocol.id)
+    columns = shown_errors(protocol)
+    if not columns:
+        return
+    errors = {
+        run.record.name: press_errors_of(
+            protocol.spec, run.arrays("truth"), run.arrays("predictions")
+        )
+        for run in runs
+    }
+    name = protocol.spec.id
+    rows = ordered(name, rows_of(run.record for run in runs))
+    ranked = ranks(name, rows, errors)
+    found = None if ranked is None else summary_table(rows, ranked, columns, "")
+    if found is not None:
+        console.print()
+        print_table(console, found)
 
 
 def board_words(board: Path) -> list[str]:
     """Return the option that names a board in a command; [] for the default one."""
-    return [] if board == Path("leaderboards") else ["--board", str(board)]
+    return [] if board in (OWN_BOARD, default_board()) else ["--board", str(board)]
 
 
-def _next(record: Record, store: Path, place: Placement | None, board: Path) -> str:
+def _next(record: Record, store: Path, board: Path) -> str:
     if record.partial:
         return "the same command without --quick and --limit"
     on_board, name = board_words(board), record.protocol.id
     if record.limits.presses is not None:
         words = ["plot", "curve", name, "--store", str(store), *on_board]
-    elif place is not None and place.committed:
+    elif (board / "submissions" / name / f"{record.name}.json").is_file():
         words = ["board", "show", name, *on_board]
     else:
         in_store = [] if store == Path("runs") else ["--store", str(store)]
         words = ["board", "add", record.name, *in_store, *on_board]
+        if not on_board:
+            board = OWN_BOARD  # rows are not added to what is installed
     command = shlex.join(["tactibench", *words])
-    if not board.is_dir():  # a verb refuses a board that is not there
+    if words[1] == "add" and not board.is_dir():  # it refuses a board that is not there
         command = f"{shlex.join(['mkdir', str(board)])} && {command}"
     return f"it is on the board, see `{command}`" if words[1] == "show" else f"`{command}`"
 
@@ -274,17 +324,18 @@ def print_run(
     console.print(Text(f"record: {path}"), soft_wrap=True)
 
 
-def _print_title(console: Console, record: Record, more: str) -> None:
+def _print_title(console: Console, record: Record) -> None:
+    from tactibench.board import label_of
+
     console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
-    who = f"{run_label(record)}, {measured_on(record)}, seed {record.seed}: {more}"
-    console.print(Text(who))
+    console.print(Text(f"{label_of(record)}, {measured_on(record)}, seed {record.seed}"))
 
 
 def _print_heading(console: Console, record: Record) -> None:
     data, tested, training = record.data, record.test_sensor, record.training
     encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
-    _print_title(console, record, encoder)
-    lines = []
+    _print_title(console, record)
+    lines = [encoder]
     if record.sensor.range is not None:
         lines.append(f"pressed in its {record.sensor.range.text()}")
     frames = ""
@@ -329,6 +380,7 @@ def _published_tables(
             rows: list[list[Cell]] = [
                 [group, *(published_number(row, m, group, d) for m, d in run_table.metrics.items())]
                 for group in run_table.groups
+                if any(row.value(m, group) is not None for m in run_table.metrics)
             ]
             yield table(names, rows, title=title)
 
@@ -359,7 +411,7 @@ def _further_metrics(record: Record, spec: BoardSpec) -> Table:
             f"{metric.clusters:,}",
         ]
         for metric in record.metrics
-        if _is_further(metric, record, spec.run_tables)
+        if metric.value is not None and _is_further(metric, record, spec.run_tables)
     ]
     counts = (Column("n"), Column("presses"))
     return table(["Also measured", "of", "value [95 % interval]", *counts], rows)
@@ -387,12 +439,6 @@ def _totals(record: Record) -> Iterator[str]:
         yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"
 
 
-def run_label(record: Record) -> str:
-    """Return the model with what was changed of it, and its regime."""
-    label = f"{record.model.text()} ({record.regime})" if record.regime else record.model.text()
-    return f"{label}, {record.shots:,} labelled presses" if record.shots else label
-
-
 def partial_line(record: Record) -> str:
     """Return the warning of a run that was cut short; "" for a complete run."""
     if not record.partial:
@@ -401,7 +447,8 @@ def partial_line(record: Record) -> str:
     if record.limits.limit is not None:
         causes.append(f"limit {record.limits.limit}")
     cause = f" ({', '.join(causes)})" if causes else ""
-    return f"PARTIAL{cause}: not for a board"
+    weak = "its errors say nothing of the model, " if record.limits.quick else ""
+    return f"PARTIAL{cause}: {weak}not for a board"
 
 
 def _print_warning(console: Console, record: Record) -> None:
@@ -434,6 +481,7 @@ def measured_table(run_table: RunTable, record: Record) -> Table:
         [group, *(metric_cell(columns[name][k], d) for name, d in run_table.metrics.items())]
         for k, group in enumerate(groups)
     ]
+    rows = [row for row in rows if any(cell is not None for cell in row[1:])]
     shown = [metric for column in columns.values() for metric in column if metric is not None]
     units = {metric.metric: metric.unit for metric in shown}
     # Four columns by distance fit a terminal under their short heads alone.

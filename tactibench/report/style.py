@@ -39,8 +39,11 @@ SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
 """Line styles of the first row of a model in a picture, the second, and so on."""
+GUEST_COLOURS = ("#882255", "#44AA99", "#999933", "#332288", "#AA4499", "#661100")
+GUEST_MARKERS = ("p", "h", "*", "d", "8", "H")
+"""Colours (of Tol's muted scheme) and marks of other models than MODELS."""
 MODELS = ("unet", "superpose", "vgnn", "mixture", "cnn", "pins", "kernel")
-"""Models in the order of SERIES; the colour of any other follows from its name."""
+"""Models in the order of SERIES; colour and mark of any other follow from its name."""
 TRIVIAL = {"nearest": (GREY, "<"), "mean": (GREY, ">")}
 CURVES = 6
 """Most curves in one panel: more could not be told apart."""
@@ -81,9 +84,10 @@ def model_look(model: str) -> Look:
         return Look(*TRIVIAL[model])
     if model in MODELS:
         k = MODELS.index(model)
-    else:
-        k = hashlib.sha256(model.encode()).digest()[0] % len(SERIES)
-    return Look(SERIES[k], MARKERS[k])
+        return Look(SERIES[k], MARKERS[k])
+    colour, marker = hashlib.sha256(model.encode()).digest()[:2]
+    guests = len(GUEST_COLOURS)
+    return Look(GUEST_COLOURS[colour % guests], GUEST_MARKERS[marker % guests])
 
 
 def row_looks(models: Sequence[str]) -> list[Look]:
@@ -96,7 +100,8 @@ def row_looks(models: Sequence[str]) -> list[Look]:
     for k, model in enumerate(models):
         look, before = model_look(model), models[:k].count(model)
         if before:
-            marker = MARKERS[(MARKERS.index(look.marker) + before) % len(MARKERS)]
+            marks = MARKERS if look.marker in MARKERS else GUEST_MARKERS
+            marker = marks[(marks.index(look.marker) + before) % len(marks)]
             look = Look(look.color, marker, DASHES[before % len(DASHES)])
         looks.append(look)
     return looks

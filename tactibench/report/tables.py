@@ -22,7 +22,7 @@ from tactibench.metrics import find_metric
 
 if TYPE_CHECKING:
     from tactibench.board import PooledMetric
-    from tactibench.protocols import PublishedRow
+    from tactibench.protocols import PublishedRow, Ranking
     from tactibench.records import Metric
 
 MISSING = "n/a"
@@ -181,6 +181,13 @@ def metric_number(
     return Number(metric.value * scale, fixed(decimals), shown, metric.censored or "", below)
 
 
+def error_words(error: Ranking, value: Metric | PooledMetric | None) -> tuple[str, Number | None]:
+    """Return the head of a column of an error, such as "depth MAE, mm", and a value in it."""
+    share = is_share(error.metric)
+    head = f"{error.name}, %" if share else error.head
+    return head, metric_number(value, 1 if share else error.decimals)
+
+
 def published_number(row: PublishedRow, metric: str, group: str, decimals: int) -> Number | None:
     """Return a value of a paper, with no more digits than the paper or the column has."""
     value = row.value(metric, group)
@@ -283,10 +290,16 @@ def _lines(
 Format = Callable[[float], str]
 
 
+HUGE = 1e6
+"""Values of which no digits are shown behind the point, such as errors of kilometres in mm."""
+
+
 def number(value: float, decimals: int) -> str:
-    """Return a value with fixed decimals; one that would read as zero keeps one digit."""
+    """Return a value with fixed decimals; one that would read as zero, or fill a line, is short."""
     if value and abs(value) < 0.5 * 10.0**-decimals:
         return f"{value:.0e}"
+    if decimals and abs(value) >= HUGE:
+        return f"{value:.2e}"
     return f"{value:,.{decimals}f}"
 
 
@@ -373,7 +386,8 @@ NAMES = {
     "f1": "F1 of a place",
     "false_per_1000": "false contacts per 1,000 empty frames",
     "force_mae_n": "force error",
-    "gospa1_mm": "GOSPA, p = 1",
+    "gospa_depth_mm": "GOSPA",
+    "gospa1_mm": "GOSPA in the plane",
     "gospa2_mm": "GOSPA, p = 2",
     "mae_mm": "MAE",
     "missed": "missed contacts",
@@ -397,7 +411,11 @@ NAMES = {
     "surface_excess_mm": "surface RMSE above the floor",
     "surface_floor_mm": "surface floor of the encoder",
     "surface_rmse_mm": "surface RMSE of the heatmap",
+    "threshold_deviance": "misfit of the threshold's curve, deviance",
+    "threshold_freedom": "its degrees of freedom",
+    "threshold_lapse": "share of pairs lost at any distance",
     "threshold_mm": "two-point threshold (75 %)",
+    "threshold_p": "its p",
     "limit_mm": "two-point limit of the noise",
     "tilt_mae_deg": "tilt error",
     "tilt_mae_minus_published_deg": "tilt error minus released",
@@ -408,7 +426,7 @@ NAMES = {
 }
 """Names in sentences and lists."""
 
-UNITS = {"share": "%", "per frame": ""}
+UNITS = {"share": "%", "per frame": "", "1": ""}
 """Units as they are written behind a name; "spurious per frame" holds its own."""
 
 

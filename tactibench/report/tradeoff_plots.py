@@ -14,7 +14,9 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+from matplotlib.text import Annotation
+from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, StrMethodFormatter
+from matplotlib.transforms import Bbox
 
 from tactibench.board import (
     Curve,
@@ -34,10 +36,11 @@ from tactibench.board import (
     ranking_error,
     select_section,
     settled,
+    unseen_error,
     whole,
 )
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols import Ranking, board_spec, load_protocol
+from tactibench.protocols import Ranking, load_protocol
 from tactibench.report.board_tables import curve_table
 from tactibench.report.style import (
     CURVES,
@@ -63,6 +66,7 @@ from tactibench.report.tables import (
     Number,
     Table,
     fixed,
+    is_share,
     plural,
     significant,
     table,
@@ -70,6 +74,14 @@ from tactibench.report.tables import (
 
 HEIGHT_INCH = 3.4
 FADED = 0.45
+MARK_PX = 16
+"""Side of the square around a mark that no label enters, px of a picture."""
+PLACES = tuple(
+    (far * x, far * y)
+    for far in (5, 11, 18)
+    for x, y in ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1.6), (0, -1.6), (1.6, 0), (-1.6, 0))
+)
+"""Places of a label around its mark, pt, the best first."""
 STEPS: dict[str, Any] = {"color": GREY, "linestyle": (0, (5, 3)), "linewidth": 1.4}
 FRONTIER_NOTE = (
     "Range: from the lowest end of the seeds' intervals to the highest; a time is at "
@@ -106,14 +118,13 @@ def unseen_frontiers(protocol: str, here: Section, nominal: Sequence[Frontier]) 
     Returns:
         None where ``here`` is not of the nominal sensor, or fewer than two rows were tested so.
     """
-    spec = board_spec(protocol)
-    for test in load_protocol(protocol).spec.test.apart if here.nominal else ():
-        if test.instances and (error := spec.apart.get(test.name)):
-            frontiers = tuple(elsewhere_frontiers(nominal, here.rows, error))
-            if sum(len(frontier.points) for frontier in frontiers) > 1:
-                title = f"{len(test.instances)} sensors that no training saw"
-                return Unseen(title, f"{error.name}, {error.unit}", frontiers)
-    return None
+    error = unseen_error(load_protocol(protocol)) if here.nominal else None
+    if error is None:
+        return None
+    frontiers = tuple(elsewhere_frontiers(nominal, here.rows, error))
+    if sum(len(frontier.points) for frontier in frontiers) < 2:
+        return None
+    return Unseen("sensors that no training saw", error.head, frontiers)
 
 
 @in_own_style
@@ -126,9 +137,9 @@ def frontier_figure(
 ) -> Figure:
     """Draw latency against error with intervals, a row of panels a regime, on logarithmic axes.
 
-    A model has its colour and marker. Filled marks are not dominated, hollow marks are. A number
-    stands beside each point; the key below the panels says which row it is. A row has the same
-    number in all panels. A star says that its time is not settled.
+    A model has its colour and marker. Filled marks are not dominated, hollow marks are. Beside each
+    point stands its name where each model has one row, else a number that the key below the panels
+    explains; a row has the same number in all panels. A star says that its time is not settled.
 
     Args:
         frontiers: One frontier a regime.
@@ -137,29 +148,35 @@ def frontier_figure(
         measured_on: Printed as subtitle.
     """
     shown = [k for k, one in enumerate(frontiers) if one.points] or list(range(len(frontiers)))[:1]
-    columns = [("", f"{error.name}, {error.unit}", frontiers)]
+    columns = [("the sensor of the training" if unseen else "", error.head, frontiers)]
     if unseen is not None:
         columns.append((unseen.title, unseen.axis, unseen.frontiers))
     points = [point for k in shown for point in frontiers[k].points]
     models = {point.label: _model(point) for point in points}
-    numbers = {label: k for k, label in enumerate(sorted(models), 1)}
+    named = len(set(models.values())) == len(models)
+    words = {label: label if named else str(k) for k, label in enumerate(sorted(models), 1)}
     down = max(1, len(shown))
-    figure = new_figure(9.5, HEIGHT_INCH * down + 0.7 + 0.1 * (len(models) + 3))
+    height = HEIGHT_INCH * down + 0.7 + 0.1 * (3 + (0 if named else len(models)))
+    figure = new_figure(9.5, height)
     panels = figure.subplots(down, len(columns), squeeze=False, sharex=True, sharey="col")
     for line, k in zip(panels, shown, strict=False):
-        for axes, (words, axis, each) in zip(line, columns, strict=True):
-            _show_frontier(axes, each[k], numbers)
-            names = filter(None, (f"trained in regime {each[k].regime}", words))
+        for axes, (where, axis, each) in zip(line, columns, strict=True):
+            _show_frontier(axes, each[k], words)
+            regime = f"trained in regime {each[k].regime}" if len(frontiers) > 1 else ""
+            names = filter(None, (regime, where))
             axes.set_title("\n".join(map(short_label, names)), fontsize=9.5, loc="left")
             axes.set_ylabel(axis)
     for axes in panels.flat:
         plain(axes)
+        if is_share(error.metric):
+            axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=" %"))
     for axes in panels[-1]:
         axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
         key = [
             legend_mark(f"{number}  {short_label(label)}", **model_look(models[label]).points)
-            for label, number in numbers.items()
+            for label, number in words.items()
+            if not named
         ]
         hollow = {"marker": "o", "color": GREY, "markerfacecolor": "white"}
         key.append(legend_mark("hollow: dominated beyond the intervals", **hollow))
@@ -167,13 +184,38 @@ def frontier_figure(
         if not all(settled(point.row) for point in points):
             key.append(legend_mark("*  time not settled: drifting, or measured beside other work"))
         legend_below(figure, 2, key)
-    title = "Speed against error; bars: 95 % over presses, of all seeds"
+    title = "Speed against error; bars: 95 % intervals, of all seeds"
     headline(figure, title, measured_on)
+    figure.draw_without_rendering()  # the panels take their sizes
+    for axes in panels.flat:
+        _part_labels(axes)
     return figure
 
 
-def _show_frontier(axes: Axes, frontier: Frontier, numbers: Mapping[str, int]) -> None:
-    """Draw the points with their numbers, and the least error that is reached within a time."""
+def _part_labels(axes: Axes) -> None:
+    """Move every label to the first place around its mark that no other mark or label holds."""
+    taken = [
+        Bbox.from_bounds(x - MARK_PX / 2, y - MARK_PX / 2, MARK_PX, MARK_PX)
+        for x, y in (axes.transData.transform(label.xy) for label in _labels(axes))
+    ]
+    inside = axes.get_window_extent()
+    for label in _labels(axes):
+        for x, y in PLACES:
+            label.set(position=(x, y), ha="left" if x > 0 else "right" if x else "center")
+            label.set_verticalalignment("bottom" if y > 0 else "top" if y else "center")
+            box = label.get_window_extent()
+            free = not any(box.overlaps(other) for other in taken)
+            if free and inside.x0 < box.x0 and box.x1 < inside.x1:
+                break
+        taken.append(label.get_window_extent())
+
+
+def _labels(axes: Axes) -> list[Annotation]:
+    return [text for text in axes.texts if isinstance(text, Annotation)]
+
+
+def _show_frontier(axes: Axes, frontier: Frontier, words: Mapping[str, str]) -> None:
+    """Draw the points with their names or numbers, and the least error within each time."""
     if frontier.points:
         axes.set(xscale="log", yscale="log")
         axes.margins(0.08, 0.12)
@@ -181,9 +223,9 @@ def _show_frontier(axes: Axes, frontier: Frontier, numbers: Mapping[str, int]) -
         hollow = point.label in frontier.dominated
         _show_point(axes, point, hollow=hollow)
         axes.annotate(
-            f"{numbers[point.label]}{'' if settled(point.row) else '*'}",
+            f"{short_label(words[point.label])}{'' if settled(point.row) else '*'}",
             (point.latency.value, point.error.value),
-            (5, 5),
+            PLACES[0],
             textcoords="offset points",
             fontsize=8,
             color=GREY if hollow else "black",
@@ -279,7 +321,7 @@ def frontier_table(frontier: Frontier, error: Ranking) -> Table:
         f"regime {frontier.regime}",
         Column("seeds"),
         "p90 and range, ms",
-        f"{error.name} and range, {error.unit}",
+        f"{error.head}, and range",
         "",
     ]
     rows = [
@@ -421,7 +463,7 @@ def curve_figure(
     presses = "labelled presses of the new sensor"
     if not new_sensor:
         presses = "presses that the model learned from"
-    axes.set(yscale="log", xlabel=presses, ylabel=f"{error.name}, {error.unit}")
+    axes.set(yscale="log", xlabel=presses, ylabel=error.head)
     if few:
         axes.set_xscale("symlog", linthresh=few, linscale=0.5)
         axes.set_xlim(-few / 2, 1.2 * max(drawn))

@@ -1,6 +1,7 @@
 """Public names of tactibench.run, and the modules that define them."""
 
 from .components import describe_target as describe_target
+from .components import holds_several as holds_several
 from .components import resolve_components as resolve_components
 from .components import resolve_test_sensor as resolve_test_sensor
 from .evaluation import EXAMPLES as EXAMPLES
@@ -22,6 +23,8 @@ from .machine import software as software
 from .plan import RunPlan as RunPlan
 from .plan import make_plan as make_plan
 from .plan import no_weights as no_weights
+from .plan import plugin_host as plugin_host
+from .predict import LONGEST_CAUSE as LONGEST_CAUSE
 from .predict import AnswerRules as AnswerRules
 from .predict import Predictions as Predictions
 from .predict import blinded as blinded
@@ -52,7 +55,6 @@ from .score import score_arrays as score_arrays
 from .score import trials_of as trials_of
 from .score import unpack_published as unpack_published
 from .special_evaluations import FAILURE_COLUMNS as FAILURE_COLUMNS
-from .special_evaluations import LONGEST_CAUSE as LONGEST_CAUSE
 from .special_evaluations import failures_record as failures_record
 from .special_evaluations import few_shot_truth as few_shot_truth
 from .special_evaluations import predict_or_fail as predict_or_fail
@@ -85,3 +87,5 @@ from .weights_file import export_weights as export_weights
 from .weights_file import largest_difference as largest_difference
 from .weights_file import open_weights as open_weights
 from .weights_file import read_description as read_description
+from .worker import SHIPPED as SHIPPED
+from .worker import WorkerHost as WorkerHost

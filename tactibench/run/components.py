@@ -131,7 +131,7 @@ def resolve_components(request: RunRequest, protocol: Protocol, host: PluginHost
         regime=regime,
         test_sensor=resolve_test_sensor(request.test, protocol, sensor, host),
     )
-    if request.test.shots and not components.adapts:
+    if request.test.shots and not (request.in_worker or components.adapts):
         raise cannot_adapt(components.model.label)
     return components
 
@@ -279,7 +279,7 @@ def _misfits(
             f"learns {' and '.join(model.encoders)}; "
             + (f"take --encoder {names}." if names else "no such encoder is installed.")
         )
-    if any(protocol.draw(name).indenter != "single" for name in protocol.regimes[regime]):
+    if holds_several(protocol, regime):
         ones = {
             f"model {model.name!r} predicts": model.max_contacts,
             f"encoder {encoder and encoder.name!r} shows": encoder and encoder.max_contacts,
@@ -290,6 +290,11 @@ def _misfits(
                     f"{subject} one contact per frame and cannot be trained in regime {regime!r}, "
                     "whose frames hold several; use --regime single."
                 )
+
+
+def holds_several(protocol: Protocol, regime: str) -> bool:
+    """Return whether frames of a training regime hold several contacts."""
+    return any(protocol.draw(name).indenter != "single" for name in protocol.regimes[regime])
 
 
 def _test_misfits(
@@ -308,6 +313,8 @@ def _test_misfits(
         yield (
             f"{asks} tests many sensors at once, so no labelled presses of one can be shown; {out}."
         )
+    if options.shots and protocol.sites is not None:
+        yield f"{asks} shows no labelled frames of another recording; {out}."
     if options.shots and options.reference:
         yield (
             f"--test {REFERENCE} has its few scenes for the test alone and none to be shown with "
@@ -334,7 +341,7 @@ def _test_misfits(
             f"--sensor {of} --test {REFERENCE}."
         )
     read = sensor.spec.needs_data
-    if options.data is not None and not (read and protocol.split):
+    if options.data is not None and not (read and (protocol.split or protocol.sites)):
         yield (
             f"--test data=FOLDER tests on another recording than --data, which {asks} cannot; of "
             "plates take protocol transfer, of a simulated sensor leave it out."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import chdir
 from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import partial
@@ -76,7 +77,9 @@ def execute(
             return done  # another process made it meanwhile
         answers = None if fresh else unscored_run(store, name)
         if answers is None:
-            answers = write_answers(store, *_answer(plan, reporter, fresh=fresh, timed=timed))
+            with chdir("."):  # a plugin may leave it
+                answered = _answer(plan, reporter, fresh=fresh, timed=timed)
+            answers = write_answers(store, *answered)
         with reporter.task("score", 1):
             return score_answers(answers, plan.protocol)
 
@@ -147,7 +150,7 @@ def _add_simulated_truth(
             )
             if surfaces is not None:
                 maps["surface"] = surfaces
-            encoder = plan.components.build_encoder()
+            encoder = plan.scoring_encoder()
             if surfaces is not None and encoder is not None and FLOOR & {*names}:
                 from tactibench.metrics import surface_floor
 
@@ -250,7 +253,7 @@ def _make_record(
             "reused": weights.reused,
             "history": report["history"],
             "notes": report["notes"],
-            "prior": report.get("prior"),
+            "prior": plan.shipped_prior() or report.get("prior"),
         },
         "data": {
             "train": frames.count("fit"),

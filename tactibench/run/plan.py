@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError
 from tactibench.frames import FramePlan, FrameRequest, FrameSet, frame_source
-from tactibench.plugins import ModelContext, PluginHost
+from tactibench.plugins import Encoder, ModelContext, PluginHost, Prior
 from tactibench.protocols import LoadedProtocol, Protocol, load_protocol
 from tactibench.records import (
     STORE,
@@ -25,11 +25,13 @@ from tactibench.run.components import (
     check_depth,
     check_signals,
     describe_target,
+    holds_several,
     resolve_components,
 )
 from tactibench.run.machine import choose_device, fingerprint_hash, machine
 from tactibench.run.request import RunRequest
-from tactibench.run.weights import WeightsEntry, plan_weights
+from tactibench.run.weights import WeightsEntry, model_identity, plan_weights
+from tactibench.run.worker import SHIPPED, WorkerHost
 
 if TYPE_CHECKING:
     from tactibench.protocols import HiddenSeed
@@ -43,7 +45,7 @@ MOST_SETS = 6
 """Most sets of frames that a plan names; of more sets it only tells the number."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RunPlan:
     """Everything that is known about a run before a frame is made.
 
@@ -68,6 +70,9 @@ class RunPlan:
     store: Path = STORE
     published: tuple[PublishedPredictions, ...] = ()
     hidden: HiddenSeed | None = None
+
+    def __repr__(self) -> str:
+        return f"RunPlan({self.name})"  # it holds thousands of scenes
 
     @property
     def spec(self) -> Protocol:
@@ -120,24 +125,49 @@ class RunPlan:
         """Return whether the run is in the store already and can be read."""
         return readable_run(self.store, self.name) is not None
 
-    def context(self) -> ModelContext:
-        """Return the context in which the model is built."""
+    def context(self, *, encoder: bool = True) -> ModelContext:
+        """Return the context in which the model is built, with its encoder where that is asked."""
         pressed = self.frames.source.on_range()
         return ModelContext(
             answer=self.spec.answer,
             grid=pressed.grid.grid(),
             max_depth=pressed.workspace.depth_max_mm,
-            encoder=self.components.build_encoder(),
+            encoder=self.components.build_encoder() if encoder else None,
             device=self.device,
             checkpoints=self.weights.checkpoints,
             transfers=self.spec.transfer is not None,
         )
 
+    def scoring_encoder(self) -> Encoder | None:
+        """Return the encoder for floors of heatmaps; None where it may not see the truth."""
+        encoder = self.components.encoder
+        if self.request.in_worker and encoder and encoder.origin.distribution != SHIPPED:
+            return None
+        return self.components.build_encoder()
+
+    def shipped_prior(self) -> Prior | None:
+        """Return what a model that ships knows beforehand; None for any other model."""
+        model, spec = self.components.model, self.spec
+        if model.origin.distribution != SHIPPED:
+            return None
+        several = holds_several(spec, self.components.regime)
+        return model.spec.prior(model.values, spec.answer, several=several)
+
+    @property
+    def unrefined(self) -> RunPlan | None:
+        """Return the plan of the model that this one refines; None where it refines none."""
+        model = self.components.model
+        if not model.spec.refines(model.values):
+            return None
+        plain = replace(model, values=model.spec.unrefined(model.values))
+        components = replace(self.components, model=plain)
+        identity = {**self.weights.identity, **model_identity(plain)}
+        return replace(self, components=components, weights=self.weights.beside(identity))
+
     def of_fold(self, fold: FramePlan) -> RunPlan:
         """Return the plan of a training on a fold of the frames, whose weights are its own."""
         identity = {**self.weights.identity, "frames": fold.training_key()}
-        weights = WeightsEntry(self.weights.folder.parent / digest(identity)[:24], identity)
-        return replace(self, frames=fold, weights=weights)
+        return replace(self, frames=fold, weights=self.weights.beside(identity))
 
     def remove_cached(self) -> None:
         """Remove the frames and weights of the plan from the cache, so that they are made anew."""
@@ -146,6 +176,8 @@ class RunPlan:
             frames.remove()
         for fold in self.frames.folds:
             self.of_fold(fold).weights.remove()
+        if self.unrefined is not None:
+            self.unrefined.weights.remove()
         self.weights.remove()
 
     def lines(self, *, fresh: bool = False) -> list[str]:
@@ -264,6 +296,11 @@ def make_plan(
         cache=cache,
     )
     return RunPlan(request, protocol, components, device, frames, weights, store, published, hidden)
+
+
+def plugin_host(request: RunRequest) -> PluginHost:
+    """Return the plugins for a request; those that do not ship stay outside for a worker."""
+    return WorkerHost(request.runner) if request.in_worker else PluginHost()
 
 
 def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePlan:

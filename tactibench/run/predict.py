@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
@@ -13,8 +13,11 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal, Sites
 from tactibench.errors import NotFiniteError, UserError
 from tactibench.plugins import Model, describe_method
-from tactibench.records import Arrays, pack
+from tactibench.records import Arrays, pack, round_answers
+from tactibench.run.worker import WorkerError, WorkerModel
 
+LONGEST_CAUSE = 200
+"""Characters of a cause that are stored: a message may hold a whole array."""
 HeatMaps = npt.NDArray[np.float16]
 Answers = list[Answer | None]
 
@@ -57,7 +60,7 @@ class Predictions(NamedTuple):
     """Predictions for all test frames, as they are stored with a run.
 
     Attributes:
-        arrays: Packed answers, and the failures of the model where they are counted.
+        arrays: Packed and rounded answers, and the failures of the model where they are counted.
         maps: (N, H, W) first heatmaps, named "maps"; {} where the model shows none.
     """
 
@@ -67,7 +70,7 @@ class Predictions(NamedTuple):
     @classmethod
     def of(cls, answers: Answers, heat: HeatMaps | None, kind: str) -> Predictions:
         """Return the predictions of a kind, "contacts", "plate" or "sites"."""
-        return cls(pack(answers, kind), {} if heat is None else {"maps": heat})
+        return cls(round_answers(pack(answers, kind)), {} if heat is None else {"maps": heat})
 
 
 def predict_frames(
@@ -88,15 +91,9 @@ def predict_frames(
     """
     answers: Answers = []
     heat: list[HeatMaps] = []
-    for frame in frames:
-        seen = [blinded(frame)]
-        maps = model.maps(seen) if rules.kind == "contacts" else None
-        if maps is None:
-            predicted, method = model.predict(seen), "predict"
-        else:
-            checked = _checked_maps(maps, rules.shape, model)
-            heat.append(checked[0, 0].astype(np.float16))
-            predicted, method = model.read_maps(maps), "read_maps"
+    for predicted, maps, method in _raw_answers(model, frames, rules):
+        if maps is not None:
+            heat.append(maps[0, 0].astype(np.float16))
         answers.append(_checked_answer(predicted, rules, model, method))
         advance(1)
     if heat and len(heat) < len(frames):
@@ -106,6 +103,25 @@ def predict_frames(
             describe_method(model, "maps"),
         )
     return answers, np.stack(heat) if heat else None
+
+
+def _raw_answers(
+    model: Model, frames: Sequence[Frame], rules: AnswerRules
+) -> Iterator[tuple[object, npt.NDArray[Any] | None, str]]:
+    """Yield the list with the answer to each frame, its maps, and the method that gave it."""
+    if isinstance(model, WorkerModel):
+        for answer, first in model.answers(frames):
+            maps = None if first is None else _checked_maps(first[np.newaxis], rules.shape, model)
+            yield [answer], maps, "answers"
+        return
+    for frame in frames:
+        seen = [blinded(frame)]
+        maps = model.maps(seen) if rules.kind == "contacts" else None
+        if maps is None:
+            yield model.predict(seen), None, "predict"
+        else:
+            checked = _checked_maps(maps, rules.shape, model)
+            yield model.read_maps(maps), checked, "read_maps"
 
 
 def blinded(frame: Frame) -> Frame:
@@ -197,3 +213,12 @@ def _checked_maps(maps: object, shape: tuple[int, int], model: Model) -> npt.NDA
             source,
         )
     return array
+
+
+def failure_cause(error: BaseException) -> str:
+    """Return type and message of an exception on one line: "ValueError: shapes do not fit"."""
+    if isinstance(error, WorkerError):
+        return error.cause[:LONGEST_CAUSE]
+    message = error.found if isinstance(error, BadAnswerError) else str(error)
+    text = " ".join(f"{type(error).__name__}: {message}".split())
+    return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

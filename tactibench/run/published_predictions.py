@@ -18,7 +18,6 @@ from tactibench.errors import UserError
 from tactibench.protocols import LoadedProtocol, ReleasedAnswers, load_published, rows_for
 from tactibench.records import file_hash, pack_plates
 from tactibench.run.score import PUBLISHED
-from tactibench.shipped import shipped_folder
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -74,7 +73,7 @@ def find_published(
     Raises:
         UserError: The given file cannot be read, or is no file that was published for the protocol.
     """
-    tables = load_published(protocol.spec.published.tables, shipped_folder("published"))
+    tables = load_published(protocol.spec.published.tables)
     rows = [
         (table.name, row.model, row.released)
         for table in tables
@@ -195,6 +194,6 @@ def read_columns(path: Path, names: Sequence[str]) -> npt.NDArray[np.float64]:
 
 def _hash(path: Path) -> str | None:
     try:
-        return file_hash(path)
+        return file_hash(path) if path.is_file() else None
     except OSError:
         return None

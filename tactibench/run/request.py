@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tactibench.errors import UserError, did_you_mean
+from tactibench.plugins import PluginHost
 
 REFERENCE, HIDDEN, DATA, SHOTS = "reference", "hidden", "data", "shots"
 KINDS = ("model", "sensor", "encoder")
@@ -71,6 +72,8 @@ class RunRequest:
         test: The sensor and presses of the test, where they are not those of the training.
         published: File of published predictions for the test frames; None to search for it beside
             the data.
+        runner: Command that starts the process in which the model answers, "" for this Python;
+            None: it answers in this process, except to hidden presses.
     """
 
     protocol: str
@@ -87,6 +90,12 @@ class RunRequest:
     presses: int | None = None
     test: TestOptions = field(default_factory=TestOptions)
     published: Path | None = None
+    runner: str | None = None
+
+    @property
+    def in_worker(self) -> bool:
+        """Return whether the model answers in a process of its own, see ``run.worker``."""
+        return self.test.hidden or self.runner is not None
 
     @property
     def partial(self) -> bool:
@@ -129,9 +138,13 @@ def read_parameters(
         kind, dot, parameter = name.partition(".")
         if not equals or not dot or kind not in kinds or not parameter:
             example = "model.width=32" if "model" in kinds else "sensor.size=256"
+            of_kinds = (c for c in PluginHost().catalogues if c.kind in kinds)
+            known = {f"{c.kind}.{p.name}" for c in of_kinds for spec in c for p in spec.parameters}
+            full = name if dot else f"{kinds[0]}.{name}"
+            meant = did_you_mean(full, known if equals else (), f"try --param {example}.")
             raise UserError(
                 f"--param {text!r} is not understood; write KIND.NAME=VALUE with KIND one of "
-                f"{', '.join(kinds)}, for example --param {example}."
+                f"{', '.join(kinds)}; {meant}"
             )
         if parameter in parameters.setdefault(kind, {}):
             raise UserError(f"--param {kind}.{parameter} is given twice; give it once.")

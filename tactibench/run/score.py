@@ -103,7 +103,9 @@ def trials_of(
         predicted: Packed answers.
         maps: Heatmaps and true surfaces; None where there are none, and the metrics of heatmaps are
             n/a.
-        apart: The test that is scored apart from the main test; None for the main test.
+        apart: The test that is scored apart from the main test; None for the main test. Where
+            several sensors press its scenes, the unit of its intervals is the sensor: what is
+            unusual about a sensor is in all of its presses.
     """
     from tactibench.metrics import PlateTrials, SiteTrials, Trials
 
@@ -130,10 +132,11 @@ def trials_of(
     groups = [str(truth["group"][row]) for row in rows]
     if apart is not None:  # its own groups follow the name of the test
         groups = [group.removeprefix(subgroup(apart.name, "")) for group in groups]
+    by_sensor = apart is not None and apart.instances
     trials = Trials(
         tuple(true[row] for row in rows),
         tuple(answers[row] for row in rows),
-        truth["press"][rows],
+        np.array(groups) if by_sensor else truth["press"][rows],
         tuple(groups),
         max_depth=protocol.workspace.depth_max_mm,
         gate=float(truth["gate"]) if "gate" in truth else protocol.test.gate_mm,

@@ -21,16 +21,16 @@ from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import NotFiniteError
 from tactibench.frames import FrameSource, true_answers
 from tactibench.plugins import Model
-from tactibench.records import Arrays, pack
+from tactibench.records import Arrays
 from tactibench.run.components import cannot_adapt
 from tactibench.run.evaluation import Evaluation, TestFrames, example_arrays, truth_arrays
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import (
     AnswerRules,
     Answers,
-    BadAnswerError,
     HeatMaps,
     Predictions,
+    failure_cause,
     predict_frames,
 )
 from tactibench.run.reporter import Reporter, open_frames
@@ -39,8 +39,6 @@ from tactibench.run.weights import train_model
 
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
 """Arrays of failures, see ``predict_or_fail``: kind of type, and shape of a row."""
-LONGEST_CAUSE = 200
-"""Characters of a cause that are stored: a message may hold a whole array."""
 MOST_CAUSES = 20
 """Causes that a record names; it counts the frames of all causes."""
 
@@ -184,7 +182,8 @@ class HardCaseEvaluation(Evaluation):
         frames = self.test.frames
         with self.reporter.task("predict", len(frames)) as advance:
             answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
-        return Predictions({**pack(answers, self.kind), **failures}, {})
+        answered = Predictions.of(answers, None, self.kind).arrays
+        return Predictions({**answered, **failures}, {})
 
     def time(self) -> Speed:
         """Return no times."""
@@ -224,7 +223,7 @@ def predict_or_fail(
             predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's
             raised = not isinstance(error, NotFiniteError)
-            failures.append((row, raised, _cause(error)))
+            failures.append((row, raised, failure_cause(error)))
             predicted = [Contacts.none()]
         answers += predicted
         advance(1)
@@ -248,10 +247,3 @@ def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[st
         entry = causes.setdefault(cause, {"cause": cause, "first": groups[row], "frames": 0})
         entry["frames"] += 1
     return {"frames": len(arrays["failed"]), "causes": list(causes.values())[:MOST_CAUSES]}
-
-
-def _cause(error: BaseException) -> str:
-    """Return type and message of an exception on one line: "ValueError: shapes do not fit"."""
-    message = error.found if isinstance(error, BadAnswerError) else str(error)
-    text = " ".join(f"{type(error).__name__}: {message}".split())
-    return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

@@ -41,6 +41,7 @@ from tactibench.plugins import Model, Stage, describe_method
 from tactibench.records import SpeedRow
 from tactibench.run.machine import all_threads
 from tactibench.run.predict import blinded
+from tactibench.run.worker import WorkerModel
 
 BATCHES = (1, 8, 32, 128)
 """Frames of a call in the scenario ``offline``."""
@@ -528,6 +529,8 @@ def time_model(model: Model, frames: Sequence[Frame], *, quick: bool = False) ->
         UserError: The model declares wrong stages.
     """
     seen = [blinded(frames[row]) for row in spread(range(len(frames)), TIMED_FRAMES)]
+    if isinstance(model, WorkerModel):
+        return model.time(seen, quick=quick)
     calls, budget_s = (QUICK_CALLS, QUICK_BUDGET_S) if quick else (CALLS, BUDGET_S)
     (speed,) = time_models({"": model}, {"": seen}, calls=calls, budget_s=budget_s).values()
     speed.efficiency.update(

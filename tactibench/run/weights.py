@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import chdir
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ from tactibench.records import (
 )
 from tactibench.run.components import Components
 from tactibench.run.reporter import Reporter, open_frames
+from tactibench.run.worker import WorkerModel, train_by_command
 
 if TYPE_CHECKING:
     from tactibench.run.plan import RunPlan
@@ -59,6 +61,10 @@ class WeightsEntry(CacheEntry):
     def begun(self) -> bool:
         """Return whether an interrupted training can be continued."""
         return self.checkpoints.is_dir() and any(self.checkpoints.iterdir())
+
+    def beside(self, identity: Mapping[str, Any]) -> WeightsEntry:
+        """Return the place of weights of another identity in the same cache."""
+        return WeightsEntry(self.folder.parent / digest(identity)[:24], dict(identity))
 
     def remove(self) -> None:
         """Remove the weights and the checkpoints, so that the model is trained anew."""
@@ -104,9 +110,7 @@ def plan_weights(
     """
     model, encoder = components.model, components.encoder
     identity = {
-        "model": model.name,
-        "parameters": dict(model.values),
-        "code": _training_code(model),
+        **model_identity(model),
         "encoder": encoder
         and {
             "name": encoder.name,
@@ -127,12 +131,14 @@ def plan_weights(
     return WeightsEntry(cache / "weights" / digest(identity)[:24], identity)
 
 
-def _training_code(model: BoundSpec[ModelSpec]) -> str:
-    """Return the hash of all source that changes what a model learns."""
+def model_identity(model: BoundSpec[ModelSpec]) -> dict[str, Any]:
+    """Return name, parameters, and the hash of all source that changes what a model learns."""
     core: tuple[str, ...] = SHARED_CODE
-    if model.values.get("mixing") or model.mentions(*PIN_CODE):
+    pins = model.values.get("mixing") or model.spec.refines(model.values)
+    if pins or model.mentions(*PIN_CODE):
         core = (*SHARED_CODE, *PIN_CODE)
-    return combined([model.code(), *(code_hash(name) for name in core)])
+    code = combined([model.code(), *(code_hash(name) for name in core)])
+    return {"model": model.name, "parameters": dict(model.values), "code": code}
 
 
 def train_model(
@@ -141,7 +147,8 @@ def train_model(
     """Return the model of a plan with its weights, trained where they are not in the cache.
 
     Interrupted training is continued by the same call. Predictions are always made with weights
-    that were read from the disk.
+    that were read from the disk. A model that refines another's contacts takes the weights of that
+    model, so that a row with refinement and one without are of one training.
 
     Args:
         plan: The plan of the run.
@@ -153,32 +160,69 @@ def train_model(
     """
     if fresh:
         plan.remove_cached()
+    if plan.request.in_worker:
+        return _trained_apart(plan)
     model: Model = plan.components.model.build(plan.context())
-    entry = plan.weights
+    entry, unrefined = plan.weights, plan.unrefined
+    refined = None
+    if unrefined is not None and not entry.cached:
+        refined = train_model(unrefined, reporter)
     with reporter.training() as progress, entry.locked():
         manifest = entry.read()
         reused = manifest is not None
         if manifest is None:
-            manifest = _train(plan, model, reporter, progress)
+            manifest = _train(plan, model, reporter, progress, refined)
         shutil.rmtree(entry.checkpoints, ignore_errors=True)
         model.load(entry.folder)
     weights = weights_hash(manifest["files"])
     return model, TrainedWeights(weights, manifest["report"], reused, entry.folder)
 
 
-def _train(plan: RunPlan, model: Model, reporter: Reporter, progress: Progress) -> dict[str, Any]:
-    """Train a model, store its weights, and return their manifest."""
+def _trained_apart(plan: RunPlan) -> tuple[Model, TrainedWeights]:
+    """Return the model of a plan for a worker, and its weights, trained by another process."""
+    manifest = plan.weights.read()
+    reused = manifest is not None
+    if manifest is None:
+        manifest = train_by_command(plan)
+    model, folder = WorkerModel(plan), plan.weights.folder
+    model.load(folder)
+    return model, TrainedWeights(
+        weights_hash(manifest["files"]), manifest["report"], reused, folder
+    )
+
+
+def _train(
+    plan: RunPlan,
+    model: Model,
+    reporter: Reporter,
+    progress: Progress,
+    refined: tuple[Model, TrainedWeights] | None,
+) -> dict[str, Any]:
+    """Train a model, store its weights, and return their manifest.
+
+    Args:
+        plan: The plan of the run.
+        model: The model, not yet trained.
+        reporter: Shows how frames are made.
+        progress: Shows the training.
+        refined: The trained model whose contacts it refines; None where it refines none.
+    """
     entry = plan.weights
     frames, truth = _examples(plan, plan.frames.fit, reporter)
-    entry.checkpoints.mkdir(parents=True, exist_ok=True)
-    seed = np.random.SeedSequence(plan.request.seed, spawn_key=(TRAINING_STREAM,))
-    report: object = model.fit(
-        frames,
-        truth,
-        validation=_examples(plan, plan.frames.validation, reporter),
-        rng=np.random.default_rng(seed),
-        progress=progress,
-    )
+    validation = _examples(plan, plan.frames.validation, reporter)
+    if refined is not None:
+        from tactibench.training import RefinedModel
+
+        network, trained = refined
+        model = RefinedModel(network)
+        before = FitReport(**trained.report)
+        report: object = model.learn_fields(before, frames, truth, validation)
+    else:
+        entry.checkpoints.mkdir(parents=True, exist_ok=True)
+        seed = np.random.SeedSequence(plan.request.seed, spawn_key=(TRAINING_STREAM,))
+        rng = np.random.default_rng(seed)
+        with chdir("."):  # a plugin may leave it
+            report = model.fit(frames, truth, validation=validation, rng=rng, progress=progress)
 
     def fill(folder: Path) -> dict[str, Any]:
         model.save(folder)

@@ -29,7 +29,6 @@ from .intervals import share_interval as share_interval
 from .intervals import t_quantile as t_quantile
 from .paired import adjust_pairs as adjust_pairs
 from .paired import crossed_p_values as crossed_p_values
-from .paired import grouped as grouped
 from .paired import holm as holm
 from .paired import sign_flip_ps as sign_flip_ps
 from .paired import welch_p_values as welch_p_values

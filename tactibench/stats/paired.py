@@ -1,4 +1,4 @@
-"""Models on the same presses: permutation test, Holm's adjustment, several seeds, equal ranks.
+"""Models on the same presses: permutation test, adjusted p values, several seeds.
 
 A mean over presses and seeds varies for two reasons: other presses, and other seeds. No bootstrap
 of an array of presses by seeds is exact (McCullagh 2000, Bernoulli 6:285), and resampling three
@@ -12,7 +12,7 @@ two decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -66,28 +66,6 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(x) for x in adjusted]
 
 
-def grouped(
-    order: Sequence[int], worse: Callable[[int, Sequence[int]], set[int]]
-) -> dict[int, int]:
-    """Return the rank of every model of ``order``, the best first.
-
-    The first model that is left opens a group, and all that are not worse join it. The next group's
-    rank counts the models before it (1, 1, 3).
-
-    Args:
-        order: Numbers of the models.
-        worse: Function of a model and a list of others. It returns those of them that are worse
-            than the model.
-    """
-    ranks: dict[int, int] = {}
-    left = list(order)
-    while left:
-        behind = worse(left[0], left[1:])
-        ranks |= dict.fromkeys((m for m in left if m not in behind), 1 + len(ranks))
-        left = [m for m in left if m in behind]
-    return ranks
-
-
 Term = tuple[FloatArray, FloatArray]
 """Variances of differences, and the degrees of freedom with which each was estimated."""
 
@@ -98,8 +76,8 @@ def crossed_p_values(
     presses: FloatArray,
     seed_variance: FloatArray,
     seeds: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return two-sided p values of every pair of K models, of presses alone and with seeds.
+) -> FloatArray:
+    """Return two-sided p values of every pair of K models, (K, K), that count presses and seeds.
 
     Args:
         difference: (K, K), row minus column.
@@ -108,19 +86,17 @@ def crossed_p_values(
         seed_variance: (K,) variance of a model's mean over other seeds; 0 where a training draws
             no random numbers.
         seeds: (K,) number of seeds.
-
-    Returns:
-        (K, K) p values that count presses alone, and (K, K) that count seeds as well.
     """
     freedom = np.maximum(seeds - 1.0, 1.0)
     of_columns = np.broadcast_to(seed_variance, difference.shape)
     free = np.broadcast_to(freedom, difference.shape)
     of_seeds: list[Term] = [(of_columns.T, free.T), (of_columns, free)]
     of_presses: list[Term] = [(press_variance, np.maximum(presses - 1.0, 1.0))]
-    return welch_p_values(difference, of_presses), np.maximum(
+    p: FloatArray = np.maximum(
         welch_p_values(difference, of_seeds),
         welch_p_values(difference, [*of_seeds, *of_presses]),
     )
+    return p
 
 
 def welch_p_values(difference: FloatArray, terms: Sequence[Term]) -> FloatArray:
@@ -143,9 +119,16 @@ def welch_p_values(difference: FloatArray, terms: Sequence[Term]) -> FloatArray:
 
 
 def adjust_pairs(p: FloatArray) -> FloatArray:
-    """Return symmetric (K, K) p values, adjusted for the family of all pairs (Holm 1979)."""
+    """Return symmetric (K, K) p values, adjusted for all pairs (Benjamini and Hochberg 1995).
+
+    Of the pairs whose adjusted value is below q, a share of q is expected to be equal.
+    """
     upper = np.triu_indices(len(p), 1)
+    order = np.argsort(p[upper], kind="stable")[::-1]  # from the largest
+    count = len(order)
+    steps = p[upper][order] * count / np.arange(count, 0, -1)
     adjusted = np.ones_like(p)
-    if len(upper[0]):
-        adjusted[upper] = holm(p[upper].tolist())
+    of_pairs = np.empty(count)
+    of_pairs[order] = np.minimum.accumulate(np.minimum(steps, 1.0))
+    adjusted[upper] = of_pairs
     return np.minimum(adjusted, adjusted.T)

@@ -39,3 +39,7 @@ from .single_presses import SinglePresses as SinglePresses
 from .single_presses import TrackedFrame as TrackedFrame
 from .single_presses import noise_weight as noise_weight
 from .single_presses import track as track
+from .spread import GROUPS as GROUPS
+from .spread import ErrorCauses as ErrorCauses
+from .spread import Spread as Spread
+from .spread import nominal_spread as nominal_spread

@@ -20,11 +20,6 @@ _LONGEST_MM = 0.8
 """Longest move of a contact in x, y or depth in one step."""
 _SMALLEST_STEP_MM = 2e-4
 """The fit of a frame ends when its step is shorter."""
-CORRELATED = 20.0
-"""Number of displacements that err together beyond the noise, as where contacts are superposed.
-The residual is then smooth over the skin, and determines a sensor's numbers no better than a
-twentieth as many displacements would. Of 1, 5 and 20 this value left the least error in depth of
-pairs and triples on training instances."""
 _SMALLEST_NUISANCE = 1e-3
 """The smallest step of a nuisance, in its standard deviations."""
 
@@ -83,7 +78,7 @@ def evaluate(coefficients: Lattice, low: Array, step: Array, places: Array, out:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_frame(  # type: ignore[no-untyped-def]
-    field, motions, moved, weight, whitener, steps, contacts, nuisances, left, normal
+    field, motions, moved, weight, whitener, steps, correlated, contacts, nuisances, left, normal
 ):
     """Move contacts and nuisances of one frame to the least cost; see ``newton.solve``.
 
@@ -95,6 +90,7 @@ def fit_frame(  # type: ignore[no-untyped-def]
         weight: (M,) 1 / variance.
         whitener: (Q, M) by which residuals are multiplied, or (0, 0) for none: M is then Q.
         steps: Most steps.
+        correlated: (N,) how strongly nuisances are held, see ``hold_of``.
         contacts: (K, 3) mm, where the fit starts; filled with the result.
         nuisances: (N,), where the fit starts; filled with the result.
         left: (M,), filled with the residuals.
@@ -107,11 +103,10 @@ def fit_frame(  # type: ignore[no-untyped-def]
             contacts[k, axis] = min(max(contacts[k, axis], low[axis]), high[axis])
     size = count + others
     pull, diagonal = np.empty(size), np.empty(size)
-    ways = field[3]
     rows = _look(field, motions, moved, whitener, contacts, nuisances)
     _copy(rows[0], left)
-    cost, noise = _cost_of(left, weight, nuisances, ways)
-    _fill_normal(rows, weight, nuisances, noise, ways, normal, pull)
+    cost, noise = _cost_of(left, weight, nuisances, correlated)
+    _fill_normal(rows, weight, nuisances, noise, correlated, normal, pull)
     damping = _DAMPING
     for _ in range(steps if size else 0):
         greatest = 0.0
@@ -137,14 +132,14 @@ def fit_frame(  # type: ignore[no-untyped-def]
         for i in range(others):
             moving |= abs(step[count + i]) > _SMALLEST_NUISANCE
         rows = _look(field, motions, moved, whitener, tried, other)
-        new_cost, new_noise = _cost_of(rows[0], weight, other, ways)
+        new_cost, new_noise = _cost_of(rows[0], weight, other, correlated)
         if new_cost <= cost:
             for k in range(len(contacts)):
                 _copy(tried[k], contacts[k])
             _copy(other, nuisances)
             _copy(rows[0], left)
             cost = new_cost
-            _fill_normal(rows, weight, nuisances, new_noise, ways, normal, pull)
+            _fill_normal(rows, weight, nuisances, new_noise, correlated, normal, pull)
             damping /= 8
         else:
             damping *= 10
@@ -193,7 +188,7 @@ def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cost_of(left, weight, nuisances, ways):  # type: ignore[no-untyped-def]
+def _cost_of(left, weight, nuisances, correlated):  # type: ignore[no-untyped-def]
     """Return the cost, and the variance of the noise from the misfit (1 without nuisances).
 
     Without nuisances the misfit itself is the cost: both have their minimum in the same place.
@@ -202,25 +197,25 @@ def _cost_of(left, weight, nuisances, ways):  # type: ignore[no-untyped-def]
     if not len(nuisances):
         return misfit, 1.0
     noise = max(misfit / len(left), 1.0)
-    squares = hold_of(noise) * (nuisances[:ways] ** 2).sum() + (nuisances[ways:] ** 2).sum()
+    squares = 0.0
+    for n in range(len(nuisances)):
+        squares += hold_of(noise, correlated[n]) * nuisances[n] ** 2
     return misfit / noise + len(left) * np.log(noise) + squares, noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hold_of(noise):  # type: ignore[no-untyped-def]
-    """Return the factor with which a sensor's numbers are held where the noise has a variance.
+def hold_of(noise, correlated):  # type: ignore[no-untyped-def]
+    """Return the factor with which a nuisance is held where the noise has a variance.
 
-    Noise beyond that of the camera, which has variance 1, is correlated.
+    Noise beyond that of the camera, which has variance 1, is correlated: so many displacements err
+    together.
     """
-    return CORRELATED - (CORRELATED - 1.0) / noise
+    return correlated - (correlated - 1.0) / noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill_normal(rows, weight, nuisances, noise, ways, normal, pull):  # type: ignore[no-untyped-def]
-    """Fill the normal matrix and its right-hand side.
-
-    The first ``ways`` nuisances are numbers of a sensor, the others motions of the image.
-    """
+def _fill_normal(rows, weight, nuisances, noise, correlated, normal, pull):  # type: ignore[no-untyped-def]
+    """Fill the normal matrix and its right-hand side."""
     size, others = len(pull), len(nuisances)
     slopes = rows[1:]
     weighted = slopes * weight
@@ -230,6 +225,6 @@ def _fill_normal(rows, weight, nuisances, noise, ways, normal, pull):  # type: i
     _copy(weighted @ rows[0], pull)
     for n in range(others):
         i = size - others + n
-        hold = noise * (hold_of(noise) if n < ways else 1.0)
+        hold = noise * hold_of(noise, correlated[n])
         normal[i, i] += hold
         pull[i] -= hold * nuisances[n]

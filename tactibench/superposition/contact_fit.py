@@ -63,6 +63,18 @@ class Found:
     weight: Array
     cost: float
 
+    @property
+    def explained(self) -> float:
+        """Return the share of all displacements that the contacts explain together.
+
+        Displacements are summed by their size, not its square: a few pins that are mistaken for
+        others count little in it.
+        """
+        noise = np.sqrt(self.weight)
+        total = float((noise * np.abs(self.moved)).sum())
+        left = float((noise * np.abs(self.solution.left[0])).sum())
+        return 1 - left / total if total > 0 else 0.0
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactFit(ABC):
@@ -132,7 +144,9 @@ class ContactFit(ABC):
 
     def cost(self, solution: Solution, weight: Array) -> float:
         """Return the misfit and the nuisances' part (``cost_of``)."""
-        return cost_of(solution, weight, self.field.ways)
+        motions = solution.nuisances.shape[1] - self.field.ways
+        held = self.field.correlated(solution.contacts.shape[1], motions)
+        return cost_of(solution, weight, held)
 
     def own(self, solution: Solution) -> Array:
         """Return the (K, Q) displacements by every contact of the one frame, px."""

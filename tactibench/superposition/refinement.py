@@ -31,6 +31,7 @@ from tactibench.superposition.single_presses import (
     noise_weight,
     track,
 )
+from tactibench.superposition.spread import ErrorCauses, Spread, nominal_spread
 
 Array = npt.NDArray[np.float64]
 
@@ -80,10 +81,13 @@ class Refinement:
         seen: The sensors, whose pins lie on one layout.
         family: Fields of single presses.
         weight: (Q,) 1 / variance of the displacements, 1 / px^2.
+        spread: Standard deviations of refined contacts.
     """
 
-    def __init__(self, seen: AlignedSensors, family: FieldFamily, weight: Array) -> None:
-        self.seen, self.family, self.weight = seen, family, weight
+    def __init__(
+        self, seen: AlignedSensors, family: FieldFamily, weight: Array, spread: Spread
+    ) -> None:
+        self.seen, self.family, self.weight, self.spread = seen, family, weight, spread
         clue = drag_clue(family.field, len(seen.first.rest))
         self._law, self._inverse = nominal_law(clue), nominal_inverse_law(clue)
         self.show([], [])
@@ -109,7 +113,22 @@ class Refinement:
         seen = AlignedSensors.of(frames)
         family = SinglePresses.of(seen, frames, truth).learn_family()
         tested = SinglePresses.of(seen, *validation)
-        return cls(seen, family, noise_weight(tested.unexplained(family)))
+        weight = noise_weight(tested.unexplained(family))
+        refinement = cls(seen, family, weight, nominal_spread())
+        refinement._learn_spread(tested)
+        return refinement
+
+    def _learn_spread(self, presses: SinglePresses) -> None:
+        """Learn the deviations of one contact from presses whose contact is known."""
+        causes, errors = [], []
+        for frame, contact in zip(
+            track(self.seen, presses.frames), presses.contacts[:, None], strict=True
+        ):
+            _, refined, cause = self._fit(frame, contact)
+            causes.append(cause)
+            errors.append(refined - contact)
+        floor = not len(self.family.covariance)
+        self.spread = self.spread.with_group(1, causes, errors, floor=floor)
 
     def show(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         """Learn the numbers of each sensor from its labelled single presses."""
@@ -139,22 +158,30 @@ class Refinement:
         kept = np.sort(np.argsort(-answer.score, kind="stable")[:_MOST])
         while len(kept):
             start = given[kept]
-            fit = LocalFit(
-                field=self._fields(frame.sensor),
-                pins=self.seen[frame.sensor],
-                weight=self.weight,
-                gain=_GAIN,
-                motions=np.empty((0, len(self.weight))),
-                start=self._law.equivalents(start[None]),
-            )
-            found = fit.find(frame.image, frame.moved, frame.sure)
-            equivalents = found.solution.contacts
-            contacts = (equivalents + self._inverse.shift(equivalents))[0]
+            found, contacts, causes = self._fit(frame, start)
             strange = _strangeness(start, contacts, found.share)
             if not strange.any():
-                return Contacts(contacts[:, :2], contacts[:, 2], answer.score[kept])
+                std = self.spread.std(causes)
+                return Contacts(contacts[:, :2], contacts[:, 2], answer.score[kept], std)
             kept = np.delete(kept, np.argmax(strange))
         return Contacts.none()
+
+    def _fit(self, frame: TrackedFrame, start: Array) -> tuple[Found, Array, ErrorCauses]:
+        """Return the fit from (K, 3) contacts, mm, where these end, and the causes of errors."""
+        fit = LocalFit(
+            field=self._fields(frame.sensor),
+            pins=self.seen[frame.sensor],
+            weight=self.weight,
+            gain=_GAIN,
+            motions=np.empty((0, len(self.weight))),
+            start=self._law.equivalents(start[None]),
+        )
+        found = fit.find(frame.image, frame.moved, frame.sure)
+        equivalents = found.solution.contacts
+        shift = self._inverse.shift(equivalents)[0]
+        varies = len(self.family.covariance) > 0
+        causes = ErrorCauses.of_fit(found, self.weight, shift, varies)
+        return found, equivalents[0] + shift, causes
 
 
 def _strangeness(start: Array, end: Array, share: Array) -> Array:

@@ -18,9 +18,9 @@ from pydantic import (
     StrictStr,
 )
 
-from tactibench.errors import UserError
+from tactibench.errors import UserError, read_file
 from tactibench.plugins import PluginHost
-from tactibench.protocols import load_protocol, parse_toml, read_file
+from tactibench.protocols import load_protocol, parse_toml
 from tactibench.run import RunRequest, read_parameters, read_test_options
 
 AXES = ("protocol", "model", "regime", "encoder", "sensor", "seed")

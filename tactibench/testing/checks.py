@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ PROPERTIES = {
     "sensor": properties_of(sensor_checks),
     "encoder": properties_of(encoder_checks),
 }
-OPTION_KINDS = {"sensor": "model", "encoder": "model", "data": "sensor"}
+OPTION_KINDS = {"sensor": "model", "encoder": "model", "answer": "model", "data": "sensor"}
 """Option of ``subject_of`` -> kind of plugin that it belongs to."""
 
 Parameters = Mapping[str, Mapping[str, str]]
@@ -61,6 +62,7 @@ def subject_of(
     parameters: Parameters | None = None,
     sensor: str = "",
     encoder: str = "",
+    answer: str | None = None,
     data: Path | None = None,
     host: PluginHost | None = None,
 ) -> Any:
@@ -72,6 +74,8 @@ def subject_of(
         parameters: Kind -> parameter -> text of its value; for a model also those of its encoder.
         sensor: Sensor that presses the frames of a model; "" for the default one.
         encoder: Encoder that a model is trained through; "" for its own or the default one.
+        answer: Kind of a model's answers, "contacts", "plate" or "sites"; None for contacts where
+            it has them.
         data: Folder of recorded frames, for a sensor that needs one.
         host: Plugins; None for all installed plugins.
 
@@ -80,7 +84,7 @@ def subject_of(
     """
     properties(kind)
     host, given = host or PluginHost(), parameters or {}
-    options = {"sensor": sensor, "encoder": encoder, "data": data}
+    options = {"sensor": sensor, "encoder": encoder, "answer": answer, "data": data}
     strange = [
         f"--{option}" for option, owner in OPTION_KINDS.items() if options[option] and kind != owner
     ]
@@ -94,7 +98,7 @@ def subject_of(
     spec = host.catalogue(kind)[name]
     title = f"{kind} {name} of plugin {host.catalogue(kind).origins[name]}"
     if kind == "model":
-        return _model_subject(title, host, name, given, sensor, encoder)
+        return _model_subject(title, host, name, given, sensor, encoder, answer or "")
     values = spec.settings(given.get(kind, {}))
     if kind == "encoder":
         grid = load_protocol(PROTOCOL).spec.grid.grid()
@@ -109,9 +113,20 @@ def subject_of(
 
 
 def _model_subject(
-    title: str, host: PluginHost, name: str, given: Parameters, sensor: str, encoder: str
+    title: str,
+    host: PluginHost,
+    name: str,
+    given: Parameters,
+    sensor: str,
+    encoder: str,
+    answer: str,
 ) -> ModelSubject:
-    spec = host.models[name]
+    spec = host.models.for_answer(answer)[name]
+    if answer and answer not in spec.answers:
+        raise UserError(
+            f"model {name!r} answers {' and '.join(spec.answers)}, but not {answer!r}; leave "
+            "--answer out."
+        )
     settings = dict(given.get("model", {}))
     if any(parameter.name == "epochs" for parameter in spec.parameters):
         settings.setdefault("epochs", EPOCHS)
@@ -128,13 +143,14 @@ def _model_subject(
     elif encoder or given.get("encoder"):
         raise UserError(f"model {name!r} uses no encoder; leave the encoder options out.")
     presses = SensorPresses.by_name(host, sensor)
-    if presses.sensor.signal not in spec.reads:
+    subject = ModelSubject(title, spec, spec.settings(settings), presses, trained_through, answer)
+    if subject.signal not in spec.reads:
         raise UserError(
             f"model {name!r} reads {' and '.join(spec.reads)} frames, but sensor "
             f"{presses.name!r} gives {presses.sensor.signal}; name another one with --sensor."
         )
-    title = f"{title} on frames of {presses.name}"
-    return ModelSubject(title, spec, spec.settings(settings), presses, trained_through)
+    source = "a drawn skin" if subject.answer_kind == "sites" else presses.name
+    return replace(subject, title=f"{title} on frames of {source}")
 
 
 def expected_failures(subject: Any, given: Mapping[str, str] | None = None) -> dict[str, str]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Contacts, Frame
+from tactibench.contacts import Contacts, Frame, Sites
 from tactibench.errors import UserError
 from tactibench.plugins import IMAGE, FitReport
 from tactibench.superposition import REACH_MM, Refinement
@@ -74,9 +74,13 @@ def shapes(subject: ModelSubject) -> None:
 
 def finds_contacts(subject: ModelSubject) -> None:
     """After training, some frames are answered with a contact, so that answers can be compared."""
-    if subject.answer_kind != "contacts":
+    if subject.answer_kind == "plate":
         raise NotApplicable("plate poses are asked for")
-    count = sum(isinstance(answer, Contacts) and len(answer) > 0 for answer in subject.answers)
+    count = sum(
+        answer.count if isinstance(answer, Sites) else len(answer)
+        for answer in subject.answers
+        if isinstance(answer, Contacts | Sites)
+    )
     require(
         count,
         f"no contact in {len(subject.answers)} answers after training with "
@@ -89,14 +93,16 @@ def empty(subject: ModelSubject) -> None:
     """No frames give no answers, and a frame in which nothing is touched gives an allowed one."""
     model = subject.trained()
     subject.predict(model, [])
-    rest = subject.presses.rest()
+    rest = subject.rest()
     subject.predict(model, [replace(rest, rest=rest.signal)])
 
 
 def batch(subject: ModelSubject) -> None:
-    """A frame is answered alike alone and among seven others, to within 0.001 mm."""
+    """A frame is answered alike again, alone and among seven others, to within 0.001 mm."""
     model, frames = subject.trained(), subject.test_examples.frames[:BATCH]
     together = subject.predict(model, frames)
+    gap = difference(subject.predict(model, frames), together)
+    require(gap <= EXACT, f"a second time, answers differ by {gap:.3g}")
     alone = [subject.predict(model, [frame])[0] for frame in frames]
     gap = difference(alone, together)
     require(gap <= CLOSE, f"answers differ by {gap:.3g}")
@@ -107,8 +113,8 @@ def batch(subject: ModelSubject) -> None:
 
 def sensors(subject: ModelSubject) -> None:
     """Frames of two sensors, each with its own rest frame, are answered alike alone and mixed."""
-    if subject.presses.sensor.signal != IMAGE:
-        raise NotApplicable(f"{subject.presses.name} gives no images")
+    if subject.signal != IMAGE:
+        raise NotApplicable("its frames are no images")
 
     def moved(image: Image) -> Image:
         return np.roll(image, 2, axis=1)
@@ -124,6 +130,15 @@ def sensors(subject: ModelSubject) -> None:
     alone = [subject.predict(subject.trained(), [frame])[0] for frame in frames]
     gap = difference(alone, together)
     require(gap <= CLOSE, f"answers differ by {gap:.3g}")
+
+
+def sessions(subject: ModelSubject) -> None:
+    """Named places are told alike in a session that no training saw."""
+    if subject.answer_kind != "sites":
+        raise NotApplicable("no named places are asked for")
+    frames = [replace(frame, session="another day") for frame in subject.test_examples.frames]
+    gap = difference(subject.predict(subject.trained(), frames), subject.answers)
+    require(gap <= CLOSE, f"probabilities differ by {gap:.3g}")
 
 
 def seed(subject: ModelSubject) -> None:

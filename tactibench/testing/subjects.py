@@ -40,6 +40,7 @@ from tactibench.errors import (
 from tactibench.frames import spread
 from tactibench.geometry import plate_pose, true_contacts
 from tactibench.plugins import (
+    CHANNELS,
     Encoder,
     EncoderSpec,
     FitReport,
@@ -369,11 +370,6 @@ class SensorPresses:
         ]
         return Examples(self._press(scenes), tuple(map(plate_pose, scenes)))
 
-    def rest(self) -> Frame:
-        """Return a frame of the undeformed sensor."""
-        with self.sensor as opened:
-            return opened.rest()
-
     def _press(self, scenes: Iterable[Scene]) -> tuple[Frame, ...]:
         with self.sensor as opened:
             frames = tuple(opened.press_many(scenes))
@@ -382,6 +378,25 @@ class SensorPresses:
         return frames
 
 
+def touch_places(count: int) -> Examples:
+    """Return trials of a drawn skin on which one place or several are touched at once."""
+    rng = np.random.default_rng(7)
+    fields, rest = rng.standard_normal((len(PLACES), 24)), rng.standard_normal(24)
+    most = rng.integers(len(PLACES), size=count)
+    touched = [np.roll(np.arange(len(PLACES)) <= n, row) for row, n in enumerate(most)]
+    noise = 0.1 * rng.standard_normal((count, 24))
+    signals = np.asarray(rest + touched @ fields + noise, dtype=np.float32)
+    signals.setflags(write=False)
+    at_rest = rest.astype(np.float32)
+    frames = (
+        Frame(signal, float(row), Pose(), at_rest, session=f"day {row % 2}")
+        for row, signal in enumerate(signals)
+    )
+    return Examples(tuple(frames), tuple(Sites.truth(PLACES, some) for some in touched))
+
+
+PLACES = ("thumb", "palm", "wrist", "knuckle")
+"""Named places of the drawn skin."""
 FIT, VALIDATION, TEST = 40, 10, 12
 """Frames that a model under test is trained on, validated on and tested on."""
 SEED = 3
@@ -403,7 +418,8 @@ class ModelSubject:
         presses: Source of its frames.
         encoder: The encoder that it is trained through, with its parameters; None where it uses
             none.
-        answer: Kind of its answers, "contacts" or "plate"; "" for contacts where it declares them.
+        answer: Kind of its answers, "contacts", "plate" or "sites"; "" for contacts where it has
+            them, otherwise its first kind.
     """
 
     title: str
@@ -416,7 +432,21 @@ class ModelSubject:
     @property
     def answer_kind(self) -> str:
         """Kind of answer that the model must give."""
-        return self.answer or ("contacts" if "contacts" in self.spec.answers else "plate")
+        answers = self.spec.answers
+        return self.answer or ("contacts" if "contacts" in answers else answers[0])
+
+    @property
+    def signal(self) -> str:
+        """Kind of signal of its frames."""
+        return CHANNELS if self.answer_kind == "sites" else self.presses.sensor.signal
+
+    def rest(self) -> Frame:
+        """Return a frame of the undeformed sensor."""
+        if self.answer_kind == "sites":
+            frame = self.examples.frames[0]
+            return frame if frame.rest is None else replace(frame, signal=frame.rest)
+        with self.presses.sensor as opened:
+            return opened.rest()
 
     def context(self, checkpoints: Path | None = None) -> ModelContext:
         """Return the context in which the model is built."""
@@ -439,8 +469,10 @@ class ModelSubject:
 
     @cached_property
     def examples(self) -> Examples:
-        """All frames: presses by one tip, or by a plate where answers are plate poses."""
+        """All frames: presses by one tip, by a plate, or trials of named places."""
         count = FIT + VALIDATION + TEST
+        if self.answer_kind == "sites":
+            return touch_places(count)
         if self.answer_kind == "contacts":
             return self.presses.singles(count)
         try:
@@ -546,7 +578,8 @@ class ModelSubject:
         answers, most = list(given), self.spec.max_contacts
         require(len(answers) == count, f"{len(answers)} answers to {count} frames")
         plate = self.answer_kind == "plate"
-        kind = PlatePose if plate else Contacts
+        kinds: dict[str, type] = {"plate": PlatePose, "sites": Sites, "contacts": Contacts}
+        kind = kinds[self.answer_kind]
         for number, answer in enumerate(answers, 1):
             if answer is None and plate:
                 continue
@@ -562,6 +595,9 @@ class ModelSubject:
             elif isinstance(answer, PlatePose):
                 finite = np.isfinite([answer.depth, answer.tilt, *(answer.std or ())]).all()
                 require(finite, f"answer {number} is not finite: {answer}")
+            elif isinstance(answer, Sites):
+                right = answer.names == PLACES
+                require(right, f"answer {number} names {answer.names}, but it learned {PLACES}")
         return answers
 
 
@@ -721,7 +757,7 @@ def _numbers(answer: Answer | None) -> npt.NDArray[np.float64]:
     if isinstance(answer, PlatePose):
         return np.array([[answer.depth, answer.tilt]])
     if isinstance(answer, Sites):
-        return np.array([answer.probability])
+        return np.array([(*answer.probability, *answer.touched)])
     return np.column_stack([answer.xy, answer.depth, answer.score])
 
 

@@ -15,7 +15,7 @@ from torch import nn
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
+from tactibench.plugins import FitReport, Model, ModelContext, Progress, Stage
 from tactibench.training.inference import (
     deterministic_kernels,
     float32_tensors,
@@ -46,7 +46,6 @@ class LearnedModel(Model):
         mixing: Number of frames with several contacts that ``fit`` makes from the single presses
             among its frames, as a share of the frames. Below 0 it is ``USUAL_MIXING`` where the
             frames allow it.
-        prior: Knowledge about contacts that press together in mixed frames.
     """
 
     name: ClassVar[str]
@@ -63,7 +62,6 @@ class LearnedModel(Model):
         self.recipe = recipe
         self.architecture = architecture
         self.mixing = mixing
-        self.prior: Prior = "nominal mechanics"
         self._network: nn.Module | None = None
         self._folded: nn.Module | None = None
 
@@ -212,8 +210,7 @@ class LearnedModel(Model):
             checkpoints=self.context.checkpoints,
         )
         self._use(network)
-        prior: Prior = self.prior if mixed else "none"
-        return replace(report, prior=prior, notes={**report.notes, **notes})
+        return replace(report, notes={**report.notes, **notes})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
         """Return one answer for every frame: the stages in turn."""

@@ -13,7 +13,7 @@ from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.markers import AlignedSensors, PinTracker
 from tactibench.plugins import FitReport, Model, Progress, Stage
-from tactibench.superposition import FieldFamily, Refinement
+from tactibench.superposition import FieldFamily, Refinement, Spread
 from tactibench.training.weights import load_weights, save_weights
 
 FOLDER = "refinement"
@@ -41,13 +41,21 @@ class RefinedModel(Model):
     ) -> FitReport:
         """Train the model, and learn the fields from the single presses among the frames."""
         report = self.model.fit(frames, truth, validation=validation, rng=rng, progress=progress)
+        return self.learn_fields(report, frames, truth, validation)
+
+    def learn_fields(
+        self,
+        report: FitReport,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+    ) -> FitReport:
+        """Learn the fields beside a model that is trained; its report is told with theirs."""
         try:
             self._refinement = Refinement.learn(frames, truth, validation)
         except UserError as error:
             return replace(report, notes={**report.notes, "not_refined": str(error)})
-        if report.prior == "fitted to multi-contact labels":
-            return report
-        return replace(report, prior="nominal mechanics")
+        return report
 
     def predict(self, frames: Sequence[Frame]) -> Sequence[Answer | None]:
         """Return one answer a frame: the stages in turn."""
@@ -85,6 +93,7 @@ class RefinedModel(Model):
         arrays = {
             **refinement.family.arrays(),
             "weight": refinement.weight,
+            "spread": refinement.spread.terms,
             "still": refinement.seen.first.rest_image,
         }
         save_weights(directory / FOLDER, arrays, model=FOLDER, architecture={})
@@ -99,7 +108,8 @@ class RefinedModel(Model):
         arrays = {name: value.numpy() for name, value in tensors.items()}
         family = FieldFamily.of(arrays, len(arrays["weight"]))
         seen = AlignedSensors(PinTracker(arrays["still"]))
-        self._refinement = Refinement(seen, family, arrays["weight"])
+        spread = Spread(arrays["spread"])
+        self._refinement = Refinement(seen, family, arrays["weight"], spread)
 
     def parameter_count(self) -> int | None:
         """Return the number of trained weights, those of the fields included."""

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from tactibench.channels import channel_vectors
 from tactibench.contacts import Answer, Frame, Sites
 from tactibench.errors import UserError
-from tactibench.plugins import FitReport, Model, ModelContext, Prior, Progress, Stage
+from tactibench.plugins import FitReport, Model, ModelContext, Progress, Stage
 from tactibench.records import read_arrays, write_arrays
 
 Array = npt.NDArray[np.float64]
@@ -177,9 +177,8 @@ class SiteModel(Model):
         mixed = self._to_learn(trials, rng)
         self._learned |= self.learn(self._squash(mixed.channels), mixed.touched, rng)
         self._learned |= _responses(scores, touched, mixed=len(scores) > len(trials))
-        prior: Prior = "plain addition" if self.adds or len(mixed) > len(trials) else "none"
         notes = {"trials": len(trials), "mixing": round(len(mixed) / len(trials) - 1, 1)}
-        return FitReport(seconds=time.perf_counter() - began, notes=notes, prior=prior)
+        return FitReport(seconds=time.perf_counter() - began, notes=notes)
 
     def _to_learn(self, trials: TouchTrials, rng: np.random.Generator) -> TouchTrials:
         return trials.with_mixed(MIXED, rng) if self.mixing and not self.adds else trials

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from stored_answers import answered_parts, store_run
 
@@ -83,10 +84,10 @@ def test_frames_hold_what_the_records_hold(store: Path) -> None:
 
 def test_an_unknown_metric_is_named_with_the_close_one(store: Path) -> None:
     run = run_of(store, "cnn")
-    with pytest.raises(UserError, match="has no metric 'gospa'; did you mean 'gospa1_mm'"):
+    with pytest.raises(UserError, match="has no metric 'gospa'; did you mean 'gospa_depth_mm'"):
         run.value("gospa")
-    with pytest.raises(UserError, match=r"has no gospa1_mm of 'mean'; it has those of .*all"):
-        run.value("gospa1_mm", "mean")
+    with pytest.raises(UserError, match=r"has no gospa_depth_mm of 'mean'; it has those of .*all"):
+        run.value("gospa_depth_mm", "mean")
 
 
 def test_runs_are_compared_by_name_or_as_they_are(store: Path) -> None:
@@ -124,7 +125,7 @@ def test_a_board_is_a_frame_and_places_a_run(
     add(cnn, board)
     frame = api.load_board("exp1", board)
     assert set(frame["model"]) == {"cnn", "unet"}
-    with pytest.raises(UserError, match="there is no board"):
+    with pytest.raises(UserError, match="there is no folder"):
         api.load_board("exp1", tmp_path / "nowhere")
 
 
@@ -132,7 +133,7 @@ def test_a_figure_has_its_numbers(store: Path, tmp_path: Path) -> None:
     board = tmp_path / "board"
     board.mkdir()
     made = api.plot("frontier", "exp1", board=board, store=store)
-    assert set(made.frame["metric"]) == {"p90_ms", "gospa1_mm"}
+    assert set(made.frame["metric"]) == {"p90_ms", "gospa_depth_mm"}
     assert all(isinstance(one, Table) for one in made.data.tables)
     assert made.save(tmp_path / "a.png").stat().st_size > 1000
     with pytest.raises(UserError, match=r"a.gif is no PNG file; call it .*a.png"):
@@ -184,3 +185,47 @@ def test_answers_that_could_not_be_scored_are_scored_by_name(
     assert scored.completed
     assert open_run(tmp_path, record.name).record == scored.run.record
     assert scored.run.value("mae_mm", "mean") == pytest.approx(0.05 / 3)
+
+
+def test_contacts_are_rendered_and_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    frame = api.render([[0.0, 0.0, 2.0], [7.0, 1.0, 3.0]], params={"size": 64})
+    assert frame.image.shape == (64, 64)
+    assert frame.rest_image is not None
+    assert not np.array_equal(frame.image, frame.rest_image)
+    again, other = (
+        api.render([[0.0, 0.0, 2.0], [7.0, 1.0, 3.0]], params={"size": 64}, seed=seed)
+        for seed in (0, 1)
+    )
+    assert np.array_equal(frame.image, again.image)
+    assert not np.array_equal(frame.image, other.image)
+    for contacts, said in (
+        ([1.0, 2.0], "rows of x, y and depth"),
+        ([], "rows of x, y and depth"),
+        ([[25.0, 0.0, 1.0], [0.0, 0.0, 1.0]], "x 25, y 0 mm lies beside the dome"),
+    ):
+        with pytest.raises(UserError, match=said):
+            api.render(contacts)
+    with pytest.raises(UserError, match=r"run exp1 --model nearest --train-only"):
+        api.load_model("nearest")
+
+
+@pytest.mark.long
+def test_a_trained_model_answers_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    small = {"sensor.size": 64}
+    train_model(api.plan("exp1", "nearest", params=small), NullReporter())
+    model = api.load_model("nearest", params=small)
+    assert repr(model) == "TrainedModel(nearest)"
+    frame = api.render([[2.0, -1.0, 3.0]], params={"size": 64})
+    answer = model.predict(frame)
+    assert np.hypot(*(answer.xy[0] - [2.0, -1.0])) < 2.0
+    alone = model.predict(frame.image, rest=frame.rest_image)
+    assert alone.xy == pytest.approx(answer.xy)
+
+
+def test_what_is_shown_of_a_plan_or_run_is_its_name(store: Path) -> None:
+    assert repr(run_of(store, "cnn")).startswith("StoredRun(exp1-cnn-")
+    assert repr(api.plan("exp1", "mean")).startswith("RunPlan(exp1-mean-single-s0-")

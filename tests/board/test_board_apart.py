@@ -27,7 +27,7 @@ GROUPS = (
     "catch",
     *("heldout:between",) * 2,
     "heldout:uneven",
-    *("unseen:instance-1",) * 2,
+    *("unseen:instance-1", "unseen:instance-2") * 2,
 )
 
 
@@ -51,11 +51,15 @@ def test_errors_press_by_press_are_those_of_each_test(tmp_path: Path) -> None:
     assert set(errors.press) == {"press-0", "press-1", "press-2"}  # no catch trial
     assert {name: own.press.tolist() for name, own in errors.apart.items()} == {
         "heldout": ["press-4", "press-5", "press-6"],
-        "unseen": ["press-7", "press-8"],
+        "unseen": ["instance-1", "instance-2"],  # the unit is the sensor
     }
-    places = np.split(truth["xy"], np.cumsum(truth["count"])[:-1])
-    found = np.split(seen["xy"], np.cumsum(seen["count"])[:-1])
-    expected = [gospa(places[k], found[k], SPEC.test.gate_mm, 1) for k in (4, 5, 6)]
+    places, found = (
+        np.split(np.column_stack([one["xy"], one["depth"]]), np.cumsum(one["count"])[:-1])
+        for one in (truth, seen)
+    )
+    each = [gospa(*pair, SPEC.test.gate_mm, 1) for pair in zip(places, found, strict=True)]
+    expected, unseen = each[4:7], np.reshape(each[7:], (2, 2)).mean(axis=0)
+    assert errors.apart["unseen"].error == pytest.approx(unseen)
     assert errors.apart["heldout"].error == pytest.approx(expected)
     assert errors.apart["heldout"].error[1] == SPEC.test.gate_mm  # two missed
 
@@ -77,7 +81,7 @@ def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
     made, errors = [], {}
     for name, (nominal, unseen) in values.items():
         for seed in range(3):
-            metrics = (("gospa1_mm", "unseen", unseen),)
+            metrics = (("gospa_depth_mm", "unseen", unseen),)
             record = fabricate(model=name, encoder=None, seed=seed, error=nominal, metrics=metrics)
             record.identity.weights_hash = f"{name}{seed}"
             noise = rng.normal(0, 0.01, 200)
@@ -90,7 +94,7 @@ def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
         assert "".join(row.first.model.name for row in found) == best
         ranked = ranks("exp1", found, errors, apart)
         assert ranked is not None
-        assert ranked.by_row == (1, 2, 3)
+        assert ranked.by_row == ((1, 1), (2, 2), (3, 3))
 
 
 @pytest.mark.parametrize("label", ["exp1", "exp2", "exp3"])

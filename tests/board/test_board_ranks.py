@@ -1,15 +1,27 @@
-"""Rank groups: what presses and seeds tell apart, and rows that have too few of either."""
+"""Rank intervals: what presses and seeds tell apart, and rows that have too few of either."""
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench.board import PressErrors, all_press_errors, ranks, read_submissions, rows_of
+from tactibench.board import (
+    PressErrors,
+    RankInterval,
+    all_press_errors,
+    rank_intervals,
+    ranks,
+    read_submissions,
+    rows_of,
+)
 from tactibench.protocols import board_spec, protocol_files
+from tactibench.stats import adjust_pairs
 
 BOARD = Path(__file__).resolve().parents[2] / "leaderboards"
 PRESSES = np.array([f"p{k:03d}" for k in range(200)])
@@ -28,7 +40,7 @@ def records(fabricate, errors, seeds=SEEDS, **more):
             own = table[seed % len(table)]
             record = fabricate(model=name, encoder=None, seed=seed, **more)
             record.identity.weights_hash = f"{name}{seed}"
-            record.metric("gospa1_mm", "all").value = own.mean()
+            record.metric("gospa_depth_mm", "all").value = own.mean()
             made.append(record)
     return made
 
@@ -53,7 +65,9 @@ def errors():
 
 
 def by_model(found, rows):
-    return {row.first.model.name: rank for row, rank in zip(rows, found.by_row, strict=True)}
+    """Ranks as a board shows them, by model; "" for none."""
+    models = (row.first.model.name for row in rows)
+    return {name: str(rank or "") for name, rank in zip(models, found.by_row, strict=True)}
 
 
 def ranked(fabricate, errors, **more):
@@ -66,47 +80,46 @@ def test_pairing_tells_apart_what_overlapping_intervals_do_not(fabricate, errors
     made = records(fabricate, errors)
     rows = rows_of(made)
     paired = ranks("exp1", rows, kept(made, errors))
-    assert by_model(paired, rows) == {"a": 1, "b": 2, "c": 3}
+    assert by_model(paired, rows) == {"a": "1", "b": "2", "c": "3"}
     assert paired.note == ""
     # A row without errors of all its records has no rank.
     known = kept(made, errors)
     del known[next(record.name for record in made if record.model.name == "b")]
     some = ranks("exp1", rows, known)
-    assert by_model(some, rows) == {"a": 1, "b": None, "c": 2}
+    assert by_model(some, rows) == {"a": "1", "b": "", "c": "2"}
 
 
 def test_seeds_are_averaged_press_by_press(fabricate, errors) -> None:
     """Seeds whose errors swap are as good as those that all have their mean."""
     swing = np.where(np.arange(200) % 2, 1.0, -1.0)
     table = errors["a"] + swing * np.array([[1.0], [-1.0], [0.0]])
-    assert ranked(fabricate, {"a": table, "b": errors["a"]}) == {"a": 1, "b": 1}
+    assert ranked(fabricate, {"a": table, "b": errors["a"]}) == {"a": "1–2", "b": "1–2"}
 
 
-def independent_rank_1(models):
-    """Models (seeds, presses) of rank 1, computed with loops and scipy."""
+def independent_ranks(models):
+    """Rank intervals of models (seeds, presses), computed with loops and scipy."""
 
-    def p_values(one, other):
+    def p_value(one, other):
         apart = abs(np.log(one.mean() / other.mean()))
         press = one.mean(0) / one.mean() - other.mean(0) / other.mean()
         presses = [(press.var(ddof=1) / len(press), len(press) - 1)]
         seeds = [((e.mean(1) / e.mean()).var(ddof=1) / len(e), len(e) - 1) for e in (one, other)]
         found = []
-        for terms in (presses, seeds, seeds + presses):
+        for terms in (seeds, seeds + presses):
             v = sum(x for x, _ in terms)
             f = v**2 / sum(x**2 / n for x, n in terms)
             found.append(2 * stats.t.sf(apart / v**0.5, f))
-        return found[0], max(found[1:])
+        return max(found)
 
-    def adjusted(p):
-        order, most = sorted(p, key=p.get), 0.0
-        return {k: (most := max(most, p[k] * (len(p) - n))) for n, k in enumerate(order)}
-
-    first, *others = sorted(models, key=lambda name: models[name].mean())
-    pairs = {(a, b): p_values(models[a], models[b]) for a in models for b in models if a != b}
-    press = adjusted({pair: p[0] for pair, p in pairs.items() if pair[0] < pair[1]})
-    both = adjusted({name: pairs[name, first][1] for name in others})
-    worse = {n for n in others if both[n] < 0.05 and press[tuple(sorted((n, first)))] < 0.05}
-    return {*models} - worse
+    pairs = list(combinations(models, 2))
+    adjusted = stats.false_discovery_control([p_value(models[a], models[b]) for a, b in pairs])
+    best, worst = dict.fromkeys(models, 1), dict.fromkeys(models, len(models))
+    for pair, p in zip(pairs, adjusted, strict=True):
+        if p < 0.05:
+            smaller, larger = sorted(pair, key=lambda name: models[name].mean())
+            best[larger] += 1
+            worst[smaller] -= 1
+    return {n: f"{best[n]}" if best[n] == worst[n] else f"{best[n]}–{worst[n]}" for n in models}
 
 
 def noisy(rng, scales, seed_share=0.05, press_sd=0.3, presses=200):
@@ -120,15 +133,27 @@ def noisy(rng, scales, seed_share=0.05, press_sd=0.3, presses=200):
     }
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_first_rank_is_that_of_an_independent_implementation(fabricate, seed) -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_ranks_are_those_of_an_independent_implementation(fabricate, seed) -> None:
     rng = np.random.default_rng(seed)
     errors = noisy(rng, {name: 1 + 0.1 * k**2 for k, name in enumerate("abcdef")})
-    found = ranked(fabricate, errors)
-    first = {name for name, rank in found.items() if rank == 1}
-    assert first == independent_rank_1(errors)
-    assert "a" in first
-    assert "f" not in first
+    assert ranked(fabricate, errors) == independent_ranks(errors)
+
+
+@given(st.integers(0, 10_000), st.integers(2, 9))
+def test_a_smaller_error_never_has_a_worse_rank_than_rows_it_is_better_than(seed, count) -> None:
+    """No inverted pair: a row that is significantly better ends before the other one."""
+    rng = np.random.default_rng(seed)
+    value = np.sort(rng.normal(size=count))
+    difference = value[:, None] - value
+    p = rng.random((count, count)) ** 3
+    p = np.where(difference == 0, 1.0, np.minimum(p, p.T))
+    found = rank_intervals(difference, p)
+    surely = (adjust_pairs(p) < 0.05) & (difference < 0)
+    for k, (best, worst) in enumerate(found):
+        assert best <= worst
+        assert best == 1 + surely[:, k].sum()
+        assert worst == count - surely[k].sum()
 
 
 def test_models_that_differ_by_their_seeds_alone_share_a_rank(fabricate) -> None:
@@ -142,37 +167,33 @@ def test_models_that_differ_by_their_seeds_alone_share_a_rank(fabricate) -> None
         errors = noisy(rng, dict.fromkeys("abcdef", 1.0), seed_share=0.1, press_sd=0.02)
         of_record = kept(made, errors)
         for record in made:
-            record.metric("gospa1_mm", "all").value = of_record[record.name].error.mean()
-        shared += set(ranks("exp1", rows, of_record).by_row) == {1}
+            record.metric("gospa_depth_mm", "all").value = of_record[record.name].error.mean()
+        shared += set(ranks("exp1", rows, of_record).by_row) == {RankInterval(1, 6)}
     # Two standard deviations of such a share are 4.4 %.
     assert shared / tables > 0.95 - 0.044
 
 
-def test_a_row_that_scatters_shares_the_first_rank_and_is_named_unsure(fabricate) -> None:
+def test_a_row_that_scatters_may_have_any_rank_and_moves_no_other(fabricate) -> None:
     hard = np.random.default_rng(1).gamma(2, 0.1, 200)
     scattering = np.stack([0.2 * hard, 0.2 * hard, 9 * hard])
-    errors = {"a": hard, "b": 1.5 * hard, "c": scattering}
-    made = records(fabricate, errors)
-    rows = rows_of(made)
-    found = ranks("exp1", rows, kept(made, errors))
-    assert by_model(found, rows) == {"a": 1, "b": 3, "c": 1}
-    assert [rows[k].first.model.name for k in found.unsure] == ["c"]
+    found = ranked(fabricate, {"a": hard, "b": 1.5 * hard, "c": scattering})
+    assert found == {"a": "1–2", "b": "2–3", "c": "1–3"}
 
 
 def test_three_seeds_tell_an_error_from_its_tenfold(fabricate) -> None:
     rng = np.random.default_rng(2)
     found = ranked(fabricate, noisy(rng, {name: 10.0**k for k, name in enumerate("abcdef")}))
-    assert list(found.values()) == [1, 2, 3, 4, 5, 6]
+    assert list(found.values()) == list("123456")
 
 
 def test_rows_of_too_few_presses_or_seeds_have_no_rank(fabricate, errors) -> None:
-    assert ranked(fabricate, errors, seeds=2) == {"a": None, "b": None, "c": None}
+    assert ranked(fabricate, errors, seeds=2) == {"a": "", "b": "", "c": ""}
     made = records(fabricate, errors)
     rows = rows_of(made)
     few = {n: PressErrors(PRESSES[:19], e.error[:19]) for n, e in kept(made, errors).items()}
     found = ranks("exp1", rows, few)
     assert found.by_row == (None, None, None)
-    assert "3 rows have no rank: fewer than 20 presses, or fewer than 3 seeds" in found.note
+    assert "3 rows have no rank: fewer than 20 presses or sensors" in found.note
     enough = {n: PressErrors(PRESSES[:20], e.error[:20]) for n, e in kept(made, errors).items()}
     assert None not in ranks("exp1", rows, enough).by_row
 
@@ -185,7 +206,7 @@ def test_seeds_of_one_training_count_once(fabricate, errors) -> None:
             record.identity.weights_hash = "same"
     rows = rows_of(made)
     found = ranks("exp1", rows, kept(made, errors))
-    assert by_model(found, rows) == {"a": None, "b": 1, "c": 2}
+    assert by_model(found, rows) == {"a": "", "b": "1", "c": "2"}
     assert "1 row has no rank" in found.note
 
 
@@ -206,16 +227,16 @@ def test_the_errors_that_rank_have_the_printed_error_as_their_mean(protocol) -> 
 def test_one_seed_of_a_shipped_model_that_draws_nothing_is_enough(fabricate, errors) -> None:
     named = dict(zip(("nearest", "superpose", "mean"), errors.values(), strict=True))
     found = ranked(fabricate, named, seeds=1)
-    assert found == {"nearest": 1, "superpose": 2, "mean": 3}
+    assert found == {"nearest": "1", "superpose": "2", "mean": "3"}
 
 
 def test_a_row_without_the_error_and_a_protocol_without_an_order(fabricate, errors) -> None:
     made = records(fabricate, errors)
     for record in made:
         if record.model.name == "b":
-            record.metric("gospa1_mm", "all").value = None
+            record.metric("gospa_depth_mm", "all").value = None
     rows = rows_of(made)
-    assert by_model(ranks("exp1", rows, kept(made, errors)), rows) == {"a": 1, "b": None, "c": 2}
+    assert by_model(ranks("exp1", rows, kept(made, errors)), rows) == {"a": "1", "b": "", "c": "2"}
     assert ranks("unordered", rows, {}) is None
 
 
@@ -223,7 +244,7 @@ def test_a_row_with_errors_of_few_presses_is_not_paired(fabricate, errors) -> No
     """It could choose the presses that it is compared on."""
     made = records(fabricate, errors)
     rows = rows_of(made)
-    for count, rank in ((199, 2), (100, 1), (20, 1)):
+    for count, rank in ((199, "2"), (100, "1–2"), (20, "1–2")):
         known = kept(made, errors)
         for record in made:
             if record.model.name == "b":
@@ -233,4 +254,4 @@ def test_a_row_with_errors_of_few_presses_is_not_paired(fabricate, errors) -> No
     for model in "bc":
         mine = {r.name for r in made if r.model.name == model}
         known = kept(made, errors) | {name: PressErrors(others, errors[model]) for name in mine}
-        assert by_model(ranks("exp1", rows, known), rows)[model] == (1 if model == "b" else 3)
+        assert by_model(ranks("exp1", rows, known), rows)[model] == ("1–2" if model == "b" else "3")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from changed_record import changed_record
@@ -9,43 +11,50 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench.board import (
-    FittedFrames,
-    fitted_frames,
+    fitted_words,
     label_of,
     latency,
-    mixing_of,
     ordered,
+    prior_of,
+    read_submission,
     rows_of,
     sections_of,
 )
 from tactibench.records import FrameCounts, Reproduction, SensorId
 
-
-def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
-    record = fabricate(settings={"width": 32, "mixing": 0.5})
-    assert record.model.changed == {"width": 32, "mixing": 0.5}
-    assert mixing_of(record) == 0.5
-    assert label_of(record) == "unet, width=32 + hertz, mixing 0.5 (single)"
-    assert label_of(fabricate(model="cnn", encoder=None)) == "cnn (single)"
-    assert mixing_of(fabricate(settings={"mixing": 0.0})) == 0.0
+COMMITTED = Path(__file__).parents[2] / "leaderboards" / "submissions"
 
 
-def test_a_row_says_what_its_mixed_frames_know_and_not_what_was_asked_for(fabricate):
-    record = fabricate(settings={"mixing": -1.0})
-    notes = {"mixing": 1.0, "mixed": 3600}
-    (row,) = rows_of([trained(record, notes=notes, prior="plain addition")])
-    assert row.prior == "plain addition, mixing 1"
+@pytest.mark.parametrize(
+    ("facts", "label"),
+    [
+        ({}, "unet"),
+        ({"model": "cnn", "encoder": None}, "cnn"),
+        ({"model": "mixture", "encoder": "mixture"}, "mixture"),
+        ({"settings": {"width": 32, "mixing": 0.0}}, "unet, width=32, mixing=0.0"),
+        ({"encoder": "depth", "regime": "multiple"}, "unet + depth (multiple)"),
+        ({"protocol": "surface", "regime": "recorded"}, "unet"),
+        ({"protocol": "surface", "regime": "single"}, "unet (single)"),
+    ],
+)
+def test_a_default_is_called_by_its_name_and_a_name_adds_what_differs(fabricate, facts, label):
+    record = fabricate(**facts)
+    assert label_of(record) == label
+    (row,) = rows_of([record])
+    assert row.default == (label.partition(" (")[0] == record.model.name)
 
 
-def trained(record, **facts):
-    return record.model_copy(update={"training": record.training.model_copy(update=facts)})
+def test_rows_of_a_protocol_that_is_not_installed_say_all(fabricate):
+    record = fabricate()
+    record.protocol.id = "elsewhere"
+    assert label_of(record) == "unet + hertz (single)"
 
 
 @given(st.lists(st.floats(0.01, 9.0), min_size=1, max_size=5))
 def test_seeds_are_pooled_into_mean_interval_and_spread(fabricate, values):
     records = [fabricate(error=value, seed=k) for k, value in enumerate(values)]
     (row,) = rows_of(reversed(records))
-    pooled = row.metric("gospa1_mm", "all")
+    pooled = row.metric("gospa_depth_mm", "all")
     assert row.seeds == tuple(range(len(values)))
     assert pooled.value == pytest.approx(np.mean(values))
     assert (pooled.low, pooled.high) == pytest.approx(
@@ -57,18 +66,29 @@ def test_seeds_are_pooled_into_mean_interval_and_spread(fabricate, values):
 
 def test_one_seed_without_a_value_makes_it_n_a(fabricate):
     (row,) = rows_of([fabricate(seed=0), fabricate(seed=1, error=None)])
-    assert row.metric("gospa1_mm", "all") is None
+    assert row.metric("gospa_depth_mm", "all") is None
     assert row.metric("missed", "all") is not None
     assert row.metric("no such metric", "all") is None
 
 
+def test_seeds_with_a_limit_are_named_beside_the_mean_of_the_others(fabricate):
+    records = [fabricate(seed=k, error=value) for k, value in enumerate((2.5, 3.5, 6.5, 6.5))]
+    for record in records[2:]:
+        record.metrics[0].censored = ">"
+    pooled = rows_of(records)[0].metric("gospa_depth_mm", "all")
+    assert (pooled.value, pooled.censored, pooled.seeds) == (3.0, None, 2)
+    assert pooled.limits == "2 of 4 seeds > 6.5"
+    assert pooled.sd == pytest.approx(0.5**0.5)
+
+
 def test_limits_stay_limits_and_opposite_ones_make_no_mean(fabricate):
     records = [fabricate(seed=k) for k in range(2)]
-    records[0].metrics[0].censored = "<"
-    pooled = rows_of(records)[0].metric("gospa1_mm", "all")
+    for record in records:
+        record.metrics[0].censored = "<"
+    pooled = rows_of(records)[0].metric("gospa_depth_mm", "all")
     assert (pooled.censored, pooled.sd) == ("<", None)
     records[1].metrics[0].censored = ">"
-    assert rows_of(records)[0].metric("gospa1_mm", "all") is None
+    assert rows_of(records)[0].metric("gospa_depth_mm", "all") is None
 
 
 @pytest.mark.parametrize(
@@ -90,7 +110,7 @@ def test_rows_whose_labels_hide_their_difference_are_marked(fabricate):
     hidden.model.parameters["new"] = 1
     labels = [row.label for row in rows_of([fabricate(), hidden])]
     assert len(set(labels)) == 2
-    assert all(label.startswith("unet + hertz (single) #") for label in labels)
+    assert all(label.startswith("unet #") for label in labels)
 
 
 def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
@@ -125,7 +145,7 @@ def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
         "mean",
     ]
     unknown = [row.label for row in ordered("mine", rows)]
-    assert unknown[:2] == ["cnn (single)", "unet + hertz (single)"]
+    assert unknown[:2] == ["cnn", "unet"]
 
 
 def test_latency_is_read_by_threads(fabricate):
@@ -168,8 +188,11 @@ def test_labelled_frames_of_the_tested_sensor_are_counted_whatever_was_fitted(fa
             "data": FrameCounts.model_validate({"of_tested_sensor": seen}),
         }
     )
-    assert fitted_frames(record) == FittedFrames(400, 1500)
-    assert fitted_frames(fabricate()) is None
+    assert fitted_words(record) == (
+        "Offset and pivot of the labels were fitted to 1,500 labelled frames, "
+        "the simulated sensor to 400 others, which test nothing."
+    )
+    assert fitted_words(fabricate()) == ""
 
 
 def test_a_row_says_who_reproduced_how_many_of_its_runs(fabricate):
@@ -182,3 +205,30 @@ def test_a_row_says_who_reproduced_how_many_of_its_runs(fabricate):
     for record in records:
         record.reproduced = note
     assert row.reproduced == "reproduced by a lab"
+
+
+@pytest.mark.parametrize(
+    ("model", "parameters", "regime", "knew"),
+    [
+        ("unet", {"mixing": -1.0, "neighbours": "dome"}, "single", "nominal mechanics"),
+        ("unet", {"mixing": 0.5, "neighbours": "none"}, "single", "plain addition"),
+        ("unet", {"mixing": 0.0, "neighbours": "dome"}, "multiple", "none"),
+        ("kernel", {"refine": "fields"}, "single", "nominal mechanics"),
+        ("superpose", {"neighbours": "dome"}, "multiple", "fitted to multi-contact labels"),
+        ("superpose", {"neighbours": "none"}, "single", "plain addition"),
+        ("own", {"mixing": 1.0}, "single", "not stated"),
+    ],
+)
+def test_what_a_model_that_ships_knew_follows_from_its_spec(
+    fabricate, model, parameters, regime, knew
+):
+    record = fabricate("exp2", model, encoder=None, regime=regime, settings=parameters)
+    record.training.prior = None if model == "own" else "none"  # as a record may say
+    assert prior_of(record) == knew
+
+
+@pytest.mark.parametrize("protocol", sorted(p.name for p in COMMITTED.iterdir()))
+def test_committed_rows_state_what_their_specs_say(protocol):
+    for path in (COMMITTED / protocol).glob("*.json"):
+        record = read_submission(path)
+        assert prior_of(record) == record.training.prior, path

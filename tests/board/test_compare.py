@@ -69,7 +69,7 @@ def test_holm_over_all_that_is_shown(stored) -> None:
     assert [(one.first, one.second) for one in found] == [(0, 1), (0, 2), (1, 2)]
     p = [row.p for one in found for row in one.rows]
     assert [row.p_holm for one in found for row in one.rows] == pytest.approx(holm(p))
-    assert len(p) == 12
+    assert len(p) == 15
     again = compare_runs(runs)
     assert [row.p for one in again for row in one.rows] == p
 
@@ -87,8 +87,9 @@ def test_tidy_rows_and_what_is_no_mean(stored) -> None:
     runs = [stored("a", [0.1, 0.2, 0.3]), stored("b", [0.2, 0.2, 0.2])]
     rows = comparison_rows(runs, compare_runs(runs))
     assert {(r["first"], r["second"]) for r in rows} == {("exp1-a", "exp1-b")}
+    names = {"mae_mm", "gospa_depth_mm", "gospa1_mm", "missed", "spurious"}
     # No model states a deviation, so that `nll` and the ellipses have no rows.
-    assert {r["metric"] for r in rows} == {"mae_mm", "gospa1_mm", "missed", "spurious"}
+    assert {r["metric"] for r in rows} == names
     assert set(left_out(runs)) == {
         "r2",
         "rmse_mm",
@@ -107,8 +108,8 @@ def test_runs_that_cannot_be_compared(stored, fabricate) -> None:
     with pytest.raises(UserError, match="run 'exp1-a' is named twice"):
         compare_runs([a, a])
     other = stored("b", [0.1, 0.2])
-    other.record.protocol.version, other.record.protocol.hash = 3, "feed" * 4
-    with pytest.raises(UserError, match=r"exp1-a answers exp1@2 .* but exp1-b exp1@3 \(feedfeed\)"):
+    other.record.protocol.version, other.record.protocol.hash = 4, "feed" * 4
+    with pytest.raises(UserError, match=r"exp1-a answers exp1@3 .* but exp1-b exp1@4 \(feedfeed\)"):
         compare_runs([a, other])
     other = stored("c", [0.1, 0.2], sensor={"instance": 2})
     with pytest.raises(UserError, match="were not tested on the same frames"):

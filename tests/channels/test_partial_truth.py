@@ -141,7 +141,7 @@ def test_a_row_is_verified_with_the_gate_of_its_skin(skin: Dataset, tmp_path: Pa
     made = api.plan("exp1", "mean", data=skin.folder, store=tmp_path / "runs")
     record, _ = add(execute(made, NullReporter(), timed=False), tmp_path / "board")
     verdict = verify(record, Source(PluginHost(), tmp_path / "cache", data=skin.folder))
-    gospa = {row.group: row.value for row in verdict.again if row.metric == "gospa1_mm"}
+    gospa = {row.group: row.value for row in verdict.again if row.metric == "gospa_depth_mm"}
     assert gospa["all"] > 3.0  # the gate of the protocol, beyond which no error counts
 
 

@@ -81,11 +81,11 @@ def test_rows_in_another_order_are_joined_by_time(tmp_path: Path) -> None:
     [
         ([10.0, 10.5, 11.2], {}, "row 3: the nearest row of .* is 200 ms away"),
         ([10.0, 10.5], {"join": ""}, "has 3 rows, but .* 2; join them by a time"),
-        ([10.0, 10.5, 11.0], {"join": "when"}, "has no column when"),
+        ([10.0, 10.5, 11.0], {"join": "when"}, "has no column 'when'"),
         ([10.0, 10.5, 11.0], {"channels": "gone.csv"}, "holds no gone.csv; there is field.csv"),
         ([10.0, 10.5, 11.0], {"channels": "../field.csv"}, "lies outside"),
-        ([10.0, 10.5, 11.0], {"depth": "depth"}, "has no column depth"),
-        ([10.0, 10.5, 11.0], {"channel_columns": "a,d"}, "has no column d"),
+        ([10.0, 10.5, 11.0], {"depth": "depth"}, "has no column 'depth'"),
+        ([10.0, 10.5, 11.0], {"channel_columns": "a,d"}, "has no column 'd'"),
         ([10.0, 10.5, 11.0], {"channels": "times.csv"}, "holds no channels"),
     ],
 )

@@ -24,7 +24,9 @@ UNET = ("run", "exp2", "--model", "unet")
         (["run"], ["Missing argument 'PROTOCOL'", "tactibench run --help"]),
         (["run", "exp1"], ["Missing option '--model'", "tactibench run --help"]),
         ([*MEAN, "--limt", "3"], ["No such option '--limt'", "mean", "--limit"]),
-        (["list", "modles"], ["'modles' is not one of", "models"]),
+        (["list", "modles"], ["there is no 'modles'; did you mean 'models'?"]),
+        (["list", "zzz"], ["there is no 'zzz'; known: encoders, models, protocols, runs"]),
+        (["new", "modle", "x"], ["there is no 'modle'; did you mean 'model'?"]),
         (["run", "exp1", "--model", "unett"], ["unknown model 'unett'", "did you mean 'unet'?"]),
         (["run", "exp9", "--model", "mean"], ["unknown protocol 'exp9'", "did you mean 'exp"]),
         ([*MEAN, "--sensor", "tactip-128"], ["unknown sensor 'tactip-128'", "'tactip-12"]),
@@ -37,6 +39,9 @@ UNET = ("run", "exp2", "--model", "unet")
         ),
         ([*MEAN, "--limit", "0"], ["'--limit'", "0 is not in the range x>=1"]),
         ([*UNET, "--param", "width=8"], ["--param 'width=8'", "KIND.NAME=VALUE"]),
+        ([*UNET, "--param", "epoch=3"], ["KIND.NAME=VALUE", "did you mean 'model.epochs'?"]),
+        ([*UNET, "--param", "read_noise=3"], ["did you mean 'sensor.read_noise'?"]),
+        ([*UNET, "--param", "width"], ["KIND.NAME=VALUE", "try --param model.width=32"]),
         ([*UNET, "--param", "modle.width=8"], ["--param 'modle.width=8'", "model, sensor, enc"]),
         ([*UNET, "--param", "model.widht=8"], ["'widht'", "did you mean 'width'?"]),
         ([*UNET, "--param", "model.width=9"], ["'width' is 9", "allowed: 8, 16, 32, 64"]),
@@ -64,8 +69,7 @@ def test_a_full_disk(refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("tactibench.cli.output.Terminal.say", lambda *_: None)
     sentence = refused(*MEAN, "--quick")
     assert "the disk is full while writing frames.npy" in sentence
-    assert "--store" in sentence
-    assert "TACTIBENCH_CACHE" in sentence
+    assert "free some space" in sentence
     assert not [path for path in tmp_path.rglob("*.npy") if path.name.startswith(".")]
     assert not list(tmp_path.rglob("record.json"))
 
@@ -84,3 +88,27 @@ def test_control_characters_are_shown_escaped(
     assert r"unknown protocol 'exp\x1b[2J'" in err
     assert "\x1b" not in out + err
     assert "\u202e" not in out + err
+
+
+def test_a_plugin_that_is_written_and_not_installed(refused) -> None:
+    assert "did you mean 'mixture'" in refused("check", "mixtur")
+    Path("tactibench-mixtur").mkdir()
+    assert "'mixtur' is not installed yet; run `pip install -e ./tactibench-mixtur`" in refused(
+        "check", "mixtur"
+    )
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "pipe.toml", "--model", "mean"),
+        ("sweep", "pipe.toml"),
+        ("describe", "pipe.toml"),
+        ("data", "import", ".", "set", "--map", "pipe.toml"),
+    ],
+    ids=" ".join,
+)
+def test_a_pipe_is_refused_and_not_waited_for(refused: Any, arguments: tuple[str, ...]) -> None:
+    os.mkfifo("pipe.toml")
+    assert "pipe.toml cannot be read: it is no regular file" in refused(*arguments)

@@ -22,9 +22,11 @@ def test_runs_are_added_written_and_checked(cli, stored_run):
     assert f"added leaderboards/submissions/exp1/{names[0]}.json" in out
     assert "leaderboards/exp1.md: 2 runs; written" in out
     text = Path("leaderboards/exp1.md").read_text(encoding="utf-8")
-    assert (
-        "unet + hertz (single)<br><sub>prior knowledge: not stated, 2 seeds, as submitted" in text
-    )
+    assert "| n/a | unet | 0.0500<br><sub>0.0450 – 0.0550</sub> |" in text
+    assert Path("leaderboards/images/exp1.png").stat().st_size > 10_000
+    assert "Smallest GOSPA of 1 model: unet, 0.0500 mm." in Path(
+        "leaderboards/README.md"
+    ).read_text(encoding="utf-8")
     assert cli("board", "check")[0] == 0
     assert "exp1.md: 2 runs; unchanged" in cli("board", "write")[1]
 
@@ -67,7 +69,10 @@ def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
         (["add", "exp1-par*"], "but 1 partial ones"),
         (["add", "exp1-pard"], "did you mean 'exp1-part'"),
         (["export"], "name a file with --json or --csv"),
-        (["write", "--board", "nowhere"], "there is no board in nowhere"),
+        (
+            ["write", "--board", "nowhere"],
+            "no folder nowhere; name another with --board DIR, or begin one: `mkdir",
+        ),
     ],
 )
 def test_mistakes(refused, stored_run, options, words):
@@ -77,12 +82,13 @@ def test_mistakes(refused, stored_run, options, words):
 
 
 def test_the_figures_are_written_as_csv(cli, stored_run):
-    more = (("gospa1_mm", "=1+2", 0.3),)
+    more = (("gospa_depth_mm", "=1+2", 0.3),)
     cli("board", "add", stored_run(model="a_b", error=0.0625, metrics=more))
     assert cli("board", "export", "--csv", "rows.csv")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
-        row, other = (row for row in csv.DictReader(stream) if row["metric"] == "gospa1_mm")
-    assert (row["value"], row["unit"], row["model"], row["rank"]) == ("0.0625", "mm", "a_b", "")
+        row, other = (row for row in csv.DictReader(stream) if row["metric"] == "gospa_depth_mm")
+    assert (row["value"], row["unit"], row["model"]) == ("0.0625", "mm", "a_b")
+    assert row["best_rank"] == row["worst_rank"] == ""
     assert (row["seeds"], other["group"]) == ("0", "'=1+2")  # no list, and no formula
 
 
@@ -95,7 +101,10 @@ def test_the_ranked_rows_are_shown(cli, refused, stored_run):
     assert code == 0
     assert out.index("  unet ") < out.index("  cnn ")
     assert "0.0500 [0.0450, 0.0550]" in out
-    assert out.endswith("all tables: leaderboards/exp1.md\n")
+    assert out.endswith("page: leaderboards/exp1.md\n")
+    full = cli("board", "show", "exp1", "--full")[1]
+    assert "Speed and cost" in full
+    assert "Speed and cost" not in out
 
 
 @pytest.mark.long
@@ -174,6 +183,6 @@ def test_hidden_mistakes(refused, stored_run, monkeypatch):
     assert "1234" not in sentence
     monkeypatch.setenv(SEED_VARIABLE, SECRET)
     assert "takes recorded presses, which no seed draws" in refused("board", "hidden", "surface")
-    assert "was published for exp1@2" in refused(*run)
+    assert "was published for exp1@3" in refused(*run)
     both = refused(*run, "--test", "reference")
     assert "leave one of --hidden-seed and --test reference out" in both

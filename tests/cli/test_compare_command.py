@@ -30,11 +30,14 @@ def test_a_table_with_misses_beside_the_errors(cli, stored):
     code, out, err = cli("compare", "exp1-good", "exp1-poor", "--json", "rows.json")
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    assert any(line.startswith("A  good (single)  misses: missed 1.0 [") for line in lines)
+    assert any(line.startswith("A  good  misses: missed 1.0 [") for line in lines)
     (mae,) = [line for line in lines if line.startswith("MAE, mm")]
     assert "-0.0900 [-0.0900, -0.0900]" in mae
     assert mae.split()[-3:] == ["1.00/1.00", "7", "1/0"]
-    assert "adjusted for all" in " ".join(out.split())
+    words = " ".join(out.split())
+    assert "adjusted for all" in words
+    assert "n/a n/a" not in words  # no line of nothing
+    assert "not compared: R2, RMSE, RMSE pooled over axes" in words  # by their names
     rows = json.loads(Path("rows.json").read_text())
     (row,) = [row for row in rows if row["metric"] == "mae_mm"]
     assert row["value"] == pytest.approx(-0.09)

@@ -74,7 +74,7 @@ def test_a_protocol_becomes_a_data_set_and_the_same_command_goes_on(
     command = ("data", "generate", "short.toml", *SMALL, "--count", "3", "--out", "set")
     assert cli(*command) == (0, "set: 27 samples of tactip-127 written\n", "")
     dataset = open_dataset(tmp_path / "set")
-    assert dataset.header.source["protocol"] == "short@2"
+    assert dataset.header.source["protocol"] == "short@3"
     assert set(dataset.splits) == {"short-single", "short-multiple"}
     kinds = {s.scene.indenter.name for s in dataset.samples if s.scene is not None}
     assert kinds == {"single", "dual", "triple", "tips"}
@@ -91,9 +91,10 @@ def test_a_protocol_becomes_a_data_set_and_the_same_command_goes_on(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ((), "either a protocol, such as exp1, or --plan FILE"),
+        ((), "Missing argument 'PROTOCOL|PLAN.jsonl'"),
+        (("nothing.jsonl",), "nothing.jsonl is no file"),
         (("exp1", "--sensor", "recorded"), "tactibench data import"),
-        (("exp1", "--param", "model.width=3"), "KIND one of sensor, for example --param sensor."),
+        (("exp1", "--param", "model.width=3"), "KIND one of sensor; try --param sensor.size"),
     ],
 )
 def test_mistakes(refused: Callable[..., str], arguments: tuple[str, ...], says: str) -> None:
@@ -145,6 +146,8 @@ def test_report_says_how_good_the_sensor_is(cli: Any, plates: Path, tmp_path: Pa
     assert code == 0
     rows = rows_of(tmp_path / "sensor.json")
     assert rows["pins found at rest", "all"]["value"] == 49
+    assert rows["pins found at rest", "all"]["unit"] == "pins"
+    assert [name for (name, _), row in rows.items() if not row["unit"]] == ["limit"]
     limit = rows["limit", "all"]["value"]
     assert limit in shown
     page = (tmp_path / "sensor.html").read_text()
@@ -152,16 +155,32 @@ def test_report_says_how_good_the_sensor_is(cli: Any, plates: Path, tmp_path: Pa
     assert "<script" not in page
 
 
+@pytest.mark.parametrize("table", ["", "x,y,depth,s0,s1\n0,0,1,3,4\n"])
+def test_a_report_on_a_raw_folder_says_to_import_it(
+    refused: Callable[..., str], tmp_path: Path, table: str
+) -> None:
+    (tmp_path / "raw").mkdir()
+    if table:
+        (tmp_path / "raw" / "log.csv").write_text(table)
+    assert "`tactibench data import" in refused("data", "report", "raw")
+
+
+def test_a_report_on_channels_has_a_unit_a_line(cli: Any, channels: Path, tmp_path: Path) -> None:
+    assert cli("data", "report", channels, "--json", "skin.json")[0] == 0
+    rows = rows_of(tmp_path / "skin.json")
+    assert rows["noise at rest", "all"]["unit"] == "as recorded"
+    assert [name for (name, _), row in rows.items() if not row["unit"]] == ["limit"]
+
+
 def test_import_and_info_say_what_a_folder_holds(cli: Any, plates: Path, tmp_path: Path) -> None:
     shown = cli("data", "import", plates, "out")[1]
     assert "60 frames of 129x129 gray, labels without contacts" in shown
     shown = cli("data", "info", plates, "--json", "info.json", "--sheet", "sheet.png")[1]
-    for text in ("60 of 129x129 gray, 60 presses", "none, labels only", "49 found"):
+    for text in ("60 of 129x129 gray, 60 presses", "none, labels only", "49 (49 to 49)"):
         assert text in shown
     found = rows_of(tmp_path / "info.json")
     assert -20 <= found["least", "pose_6"]["value"] < found["most", "pose_6"]["value"] <= 20
     assert found["most", "pose_6"]["unit"] == "deg"
-    assert sum(found["histogram", "pose_2"]["value"]) == COUNT
     assert found["served", "exp1"]["value"] is False
     assert "only labels are known" in found["served", "exp1"]["reason"]
     assert cv2.imread(str(tmp_path / "sheet.png")) is not None

@@ -37,15 +37,15 @@ def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):
     code, out, err = cli("plot", "frontier", "exp1", "--out", "f.png", "--json", "f.json")
     assert (code, err) == (0, "")
     lines = {line.split("  ")[0]: line for line in out.split("\n")}
-    assert "dominated by unet, width=8 + hertz" in lines["unet, width=16 + hertz"]
-    assert lines["unet, width=32 + hertz"].rstrip().endswith("frontier")
+    assert "dominated by unet, width=8" in lines["unet, width=16"]
+    assert lines["unet, width=32"].rstrip().endswith("frontier")
     assert "Left out: 1 run timed on another machine than 0123456789ab." in out
     assert "Left out: 1 run on other sensors." in out
     assert Path("f.png").read_bytes().startswith(PNG)
     rows = json.loads(Path("f.json").read_text())
-    assert {row["metric"] for row in rows} == {"p90_ms", "gospa1_mm"}
-    (beaten,) = [r for r in rows if r["dominated_by"] and r["metric"] == "gospa1_mm"]
-    assert (beaten["group"], beaten["value"]) == ("unet, width=16 + hertz", 0.1)
+    assert {row["metric"] for row in rows} == {"p90_ms", "gospa_depth_mm"}
+    (beaten,) = [r for r in rows if r["dominated_by"] and r["metric"] == "gospa_depth_mm"]
+    assert (beaten["group"], beaten["value"]) == ("unet, width=16", 0.1)
 
 
 def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board):
@@ -81,7 +81,11 @@ def test_a_curve_shows_the_best_six_and_says_so(cli, board, fabricate):
         (["plot", "frontier", "exp1", "--sensor", "tactip-128"], "did you mean 'tactip-127"),
         (["plot", "frontier", "exp1", "--out", "f.pdf"], "f.pdf is no PNG file; call it f.png"),
         (["plot", "frontier", "exp1", "--out", "no/f.png"], "the folder no is not there"),
-        (["plot", "frontier", "exp1", "--board", "no"], "there is no board in no"),
+        (["plot", "frontier", "exp1", "--board", "leaderbord"], "did you mean 'leaderboards'?"),
+        (
+            ["plot", "frontier", "exp1", "--board", "no"],
+            "there is no folder no; name another with --board DIR, or leave it out.",
+        ),
         (
             ["plot", "curve", "exp1", "--new-sensor"],
             "exp1 --model MODEL --test sensor.instance=1",

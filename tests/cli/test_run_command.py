@@ -52,6 +52,24 @@ def test_a_run_prints_ten_lines_and_is_scored_again(cli: Callable[..., Any]) -> 
     assert "record.json" in cli("score", folder.name)[2]
 
 
+@pytest.mark.long
+def test_several_models_and_seeds_are_ranked_among_each_other(cli: Callable[..., Any]) -> None:
+    both = RUN.replace("nearest", "nearest,mean")
+    code, out, err = cli(f"{both} --seeds 0,1 --json all.json --quiet")
+    assert (code, err) == (0, "")
+    records = json.loads(Path("all.json").read_text())
+    made = [(record["model"]["name"], record["seed"]) for record in records]
+    assert made == [("nearest", 0), ("nearest", 1), ("mean", 0), ("mean", 1)]
+    rows = out[out.index("rank  model") :].splitlines()
+    assert [row.split()[1] for row in rows[1:3]] == ["nearest", "mean"]
+    assert "2 rows have no rank" in out  # 3 presses
+    code, _, err = cli(f"{RUN} --seeds 0,one")
+    assert code == 2
+    assert "'0,one' is no list of seeds; write 0 or 0,1,2" in err
+    # No run begins before all requests are understood.
+    assert "unknown model 'nosuch'" in cli(RUN.replace("nearest", "mean,nosuch"))[2]
+
+
 def test_quiet_shows_no_progress() -> None:
     with main.make_context("tactibench", ["--quiet", "doctor"]) as context, context:
         assert Terminal().quiet

@@ -16,6 +16,7 @@ from tactibench import Contacts, Frame, Model, PlatePose, UserError
 from tactibench.plugins import PluginHost
 from tactibench.run import NullProgress
 from tactibench.testing import (
+    PASSED,
     ModelSubject,
     examine,
     expected_failures,
@@ -44,13 +45,14 @@ OTHER_ARCHITECTURE: dict[str, list[tuple[str, str]]] = {
     "unet": [("width", "16"), ("size", "96"), ("stem", "1")],
     "vgnn": [("width", "32"), ("layers", "3")],
 }
-TRAINS_AGAIN = ("seed", "input_unchanged")
 LEARNED = [name for name in NAMES if name in TINY]
 """Models that ``tactibench.training`` trains for some epochs."""
-TRAINED_OFTEN = [
-    pytest.param(name, marks=[] if name == "pins" else pytest.mark.long) for name in LEARNED
-]
-"""Names for tests that train two or three times."""
+SLOW = [name for name in LEARNED if name != "pins"]
+
+
+def trained(name: str, *more: str) -> Any:
+    """The parameter set of a test that needs a trained model: long for a network."""
+    return pytest.param(name, *more, marks=[pytest.mark.long] if name in SLOW else [])
 
 
 @cache
@@ -70,8 +72,8 @@ def other_subject(name: str, **parameters: str) -> ModelSubject:
             asked,
             name,
             id=f"{asked.name}-{name}",
-            # These train once more; others see already whether a network trains at all.
-            marks=[pytest.mark.long] if asked.name in TRAINS_AGAIN and name in TINY else [],
+            # Trainings of networks take most of the time, and pins is one, too.
+            marks=[pytest.mark.long] if name in SLOW else [],
         )
         for asked in properties("model")
         for name in NAMES
@@ -81,6 +83,23 @@ def test_conformance(name: str, asked: Any) -> None:
     expected = expected_failures(subject(name)).get(asked.name)
     finding = examine(asked, subject(name), expected)
     assert finding.ok, finding.line()
+
+
+OF_SITES = [spec.name for spec in HOST.models.for_answer("sites") if "sites" in spec.answers]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.long] if n == "pins" else []) for n in OF_SITES],
+)
+def test_conformance_of_models_of_named_places(name: str) -> None:
+    parameters = {"model": {"members": "2", "epochs": "5"} if name == "pins" else {}}
+    asked = subject_of("model", name, answer="sites", parameters=parameters)
+    report = run_checks(properties("model"), asked, expected_failures(asked))
+    assert report.ok, [one.line() for one in report.findings if not one.ok]
+    assert {"sessions", "batch", "shapes"} <= {
+        one.checked.name for one in report.findings if one.outcome == PASSED
+    }
 
 
 @pytest.mark.long
@@ -93,7 +112,7 @@ def test_a_unet_learns_through_another_heat_encoder() -> None:
     assert not bad
 
 
-@pytest.mark.parametrize("name", [*sorted({*NAMES} - {*LEARNED}), *TRAINED_OFTEN])
+@pytest.mark.parametrize("name", [trained(name) for name in NAMES])
 def test_the_callers_default_type_changes_neither_weights_nor_answers(
     name: str, tmp_path: Path
 ) -> None:
@@ -128,7 +147,7 @@ def saved(model: Model, folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", TRAINED_OFTEN)
+@pytest.mark.parametrize("name", [trained(name) for name in LEARNED])
 def test_only_the_rng_that_is_handed_in_decides_the_weights(name: str, tmp_path: Path) -> None:
     short = other_subject(name, epochs="1")
     weights = []
@@ -154,7 +173,7 @@ class Stopping(NullProgress):
         raise StopError
 
 
-@pytest.mark.parametrize("name", TRAINED_OFTEN)
+@pytest.mark.parametrize("name", [trained(name) for name in LEARNED])
 def test_a_training_that_was_stopped_goes_on_to_the_same_weights(name: str, tmp_path: Path) -> None:
     short = other_subject(name, epochs="2")
     whole = short.build()
@@ -171,7 +190,7 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_weights(name: str, tmp_
 
 @pytest.mark.parametrize(
     ("name", "parameter", "value"),
-    [(name, *other) for name, others in OTHER_ARCHITECTURE.items() for other in others],
+    [trained(name, *other) for name, others in OTHER_ARCHITECTURE.items() for other in others],
 )
 def test_weights_of_another_architecture_are_refused(
     name: str, parameter: str, value: str, tmp_path: Path
@@ -181,7 +200,9 @@ def test_weights_of_another_architecture_are_refused(
         other_subject(name, **{parameter: value}).build().load(tmp_path)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if len(HOST.models[name].answers) > 1])
+@pytest.mark.parametrize(
+    "name", [trained(name) for name in NAMES if len(HOST.models[name].answers) > 1]
+)
 def test_weights_for_another_kind_of_answer_are_refused(name: str, tmp_path: Path) -> None:
     subject(name).trained().save(tmp_path)
     with pytest.raises(UserError, match=r"answer|plate"):

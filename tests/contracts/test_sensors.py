@@ -42,12 +42,20 @@ def examine_once(asked: Property, name: str) -> Finding:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("asked", properties("sensor"), ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "asked",
+    [
+        # It makes a sensor for every value of every parameter.
+        pytest.param(one, marks=[pytest.mark.long] if one.name == "parameters" else [], id=one.name)
+        for one in properties("sensor")
+    ],
+)
 def test_conformance(name: str, asked: Property) -> None:
     finding = examine_once(asked, name)
     assert finding.ok, finding.line()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_most_properties_apply(name: str) -> None:
     findings = [examine_once(asked, name) for asked in properties("sensor")]

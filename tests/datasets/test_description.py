@@ -1,4 +1,4 @@
-"""Histograms, pin counts and the choice of frames for a contact sheet."""
+"""Pin counts, units and the choice of frames for a contact sheet."""
 
 from __future__ import annotations
 
@@ -7,29 +7,7 @@ import numpy as np
 import pytest
 
 from tactibench.cli.data import draw_sheet
-from tactibench.datasets import (
-    BINS,
-    open_recording,
-    spread_rows,
-    summarize_labels,
-    summarize_pins,
-    unit_of,
-)
-
-
-def test_a_histogram_counts_every_known_frame():
-    column = np.r_[np.linspace(0, 1, 160, endpoint=False), np.nan]
-    (label,) = summarize_labels({"pose_2": column, "none": np.full(161, np.nan)})
-    assert label.counts == (10,) * 15 + (10,)
-    assert (label.unit, label.bars) == ("mm", "█" * BINS)
-    assert not label.constant
-
-
-def test_bars_show_an_empty_bin_and_a_rare_one():
-    (label,) = summarize_labels({"x": np.r_[np.zeros(1000), 1.0]})
-    assert label.bars == "█" + " " * (BINS - 2) + "▁"
-    (same,) = summarize_labels({"x": np.full(5, 3.0)})
-    assert same.constant
+from tactibench.datasets import open_recording, pin_counts, spread_rows, unit_of
 
 
 def test_units_by_name():
@@ -66,13 +44,10 @@ def dots(tmp_path):
     return folder
 
 
-def test_pins_are_counted_and_followed(dots):
-    pins = summarize_pins(open_recording(dots))
-    assert pins.counts == (25, 25, 25, 0)
-    assert (pins.frames, pins.rest, pins.visible_share) == (4, 25, 0.75)
+def test_pins_are_counted(dots):
+    assert pin_counts(open_recording(dots)) == ([25, 25, 25, 0], 25)
     (dots / "images" / "init_0.png").unlink()
-    without = summarize_pins(open_recording(dots), 2)
-    assert (without.counts, without.rest, without.visible_share) == ((25, 0), None, None)
+    assert pin_counts(open_recording(dots), 2) == ([25, 0], None)
 
 
 def test_the_sheet_is_a_picture(dots, tmp_path):

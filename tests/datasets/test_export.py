@@ -145,6 +145,30 @@ def test_an_interrupted_export_leaves_nothing(
     assert names(tmp_path) == []
 
 
+KILLED = """
+import os, sys
+from pathlib import Path
+from tactibench.datasets import export_dataset, open_dataset
+
+export_dataset(open_dataset(Path(sys.argv[1])), Path("out"), advance=lambda _: os._exit(9))
+"""
+
+
+def test_what_a_killed_export_left_is_removed_by_the_next(dataset: Dataset, tmp_path: Path) -> None:
+    killed = [sys.executable, "-c", KILLED, str(dataset.folder)]
+    assert subprocess.run(killed, cwd=tmp_path, timeout=100).returncode == 9
+    assert len(names(tmp_path)) == 2, "a folder and its lock"
+
+    def export_beside(_: int) -> None:  # what runs at the same time is left alone
+        if not (tmp_path / "out").exists():
+            export_dataset(dataset, tmp_path / "out")
+
+    with pytest.raises(OSError, match="not empty"):
+        export_dataset(dataset, tmp_path / "out", advance=export_beside)
+    assert names(tmp_path) == ["out"]
+    assert names(tmp_path / "out") == ["data", "header.json", "rest.png"]
+
+
 def test_an_empty_folder_is_taken_and_splits_are_files_of_their_own(tmp_path: Path) -> None:
     folder = write_taps(tmp_path / "v1").folder
     (folder / "splits/other.json").write_text('{"train": [0], "validation": [], "test": []}')

@@ -75,6 +75,19 @@ def lab_folder(folder: Path, scenes: list[Scene]) -> Recording:
     return open_recording(folder)
 
 
+def test_rows_that_hover_have_no_place_that_pins_could_show(tmp_path: Path) -> None:
+    pressed, labelled = (
+        [
+            replace(scene, pose=replace(scene.pose, depth=depth)) if row % 2 else scene
+            for row, scene in enumerate(singles(100))
+        ]
+        for depth in (0.0, -3.0)
+    )
+    report = check_labels(lab_folder(tmp_path, pressed), labelled, ImportOptions())
+    assert report.contradictions == ()
+    assert report.presses == 50
+
+
 def contradictions(recording: Recording, scenes: tuple[Scene | None, ...]) -> str:
     return "; ".join(check_labels(recording, scenes, ImportOptions()).contradictions)
 

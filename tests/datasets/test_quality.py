@@ -113,7 +113,17 @@ def test_the_smallest_press_that_differs_from_rest() -> None:
     assert smallest == pytest.approx(0.3, abs=0.06)  # three times the noise
 
 
-def write_skin(folder: Path) -> Path:
+@pytest.mark.parametrize("count", [60, 100])
+def test_how_many_presses_the_limit_needs_is_said(count: int) -> None:
+    poses, values = skin(0.05, 0.0, repeats=1, resting=0)
+    columns = dict(zip(("x", "y", "depth"), poses[:count].T, strict=True))
+    resting = np.arange(count) >= 79  # of 100 presses the last touch nothing
+    given = Signals(values[:count], columns, 3, np.arange(float(count)), resting, None)
+    touching = f"{min(count, 79)} presses have labels of one contact, and 80 are needed"
+    assert touching in measure_signals(given).limit
+
+
+def write_skin(folder: Path, time: str = "time") -> Path:
     """A skin that drifts, with a dead and a saturated channel, and stretches that froze."""
     poses, values = skin(0.05, 0.3)
     values[:, 1] = np.minimum(values[:, 1], np.quantile(values[:, 1], 0.9))
@@ -124,14 +134,15 @@ def write_skin(folder: Path) -> Path:
     times[[300, 301]] = times[[301, 300]]
     np.savetxt(folder / "field.csv", values, delimiter=",", fmt="%.9g")
     table = np.column_stack([poses, times])
-    head = "x_mm,y_mm,depth_mm,time"
+    head = f"x_mm,y_mm,depth_mm,{time}"
     np.savetxt(folder / "labels.csv", table, delimiter=",", header=head, comments="", fmt="%.9g")
     return folder
 
 
-def test_faults_of_a_skin_are_counted(tmp_path: Path) -> None:
+@pytest.mark.parametrize("time", ["time", "Time", "time [s]", "t (s)", "t_ms", "Time stamp [s]"])
+def test_faults_of_a_skin_are_counted(tmp_path: Path, time: str) -> None:
     options = ImportOptions(channels="field.csv", surface="flat")
-    report = report_sensor(open_recording(write_skin(tmp_path), options), options)
+    report = report_sensor(open_recording(write_skin(tmp_path, time), options), options)
     assert value(report, "dead channels") == 1
     assert value(report, "saturated channels") == 1
     assert value(report, "frozen frames") == 9

@@ -71,6 +71,8 @@ def parsed(words: list[str]) -> tuple[str, dict[str, object]]:
         value = options.get(option.name or "")
         if isinstance(option.type, click.Choice | click.IntRange) and isinstance(value, str):
             option.type.convert(value, option, context)
+    if isinstance(options.get("models"), str):  # `run` takes several
+        options["model"] = options.pop("models")
     return context.command_path, options
 
 

@@ -28,23 +28,20 @@ def code_of(cell: dict[str, Any]) -> str:
 
 
 @pytest.mark.slow
-def test_every_cell_runs_with_and_without_a_board(tmp_path: Path) -> None:
-    """A kernel runs cells in one name space and stops at the first that fails; so does this."""
-    script = "\n\n".join(code_of(cell) for cell in cells() if cell["cell_type"] == "code")
+def test_every_cell_shows_what_the_notebook_keeps(tmp_path: Path) -> None:
     work = tmp_path / "work"
     work.mkdir()
+    (work / "leaderboards").symlink_to(ROOT / "leaderboards")
+    script = str(ROOT / "scripts" / "run_notebook.py")
     for _ in range(2):  # the second time every run is in the store
         done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", script],
-            cwd=work,
+            [sys.executable, "-W", "error", script, str(work), "--check"],
             env=surroundings(tmp_path),
             capture_output=True,
             text=True,
             timeout=600,
         )
-        assert done.returncode == 0, done.stderr
-        if not (work / "leaderboards").exists():
-            (work / "leaderboards").symlink_to(ROOT / "leaderboards")
+        assert done.returncode == 0, done.stdout + done.stderr
     assert (work / "frontier.png").is_file()
 
 
@@ -56,8 +53,6 @@ def test_the_notebook_uses_every_function() -> None:
             assert f"api.{name}(" in text, name
 
 
-def test_no_output_is_kept() -> None:
-    """Outputs go out of date, and nobody sees it."""
-    for cell in cells():
-        if cell["cell_type"] == "code":
-            assert (cell["outputs"], cell["execution_count"]) == ([], None)
+def test_every_cell_that_shows_something_keeps_it() -> None:
+    shown = [len(cell["outputs"]) for cell in cells() if cell["cell_type"] == "code"]
+    assert sum(shown) >= len(shown) - 2

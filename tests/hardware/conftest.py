@@ -12,6 +12,13 @@ from tactibench import Indenter, Pose, Scene
 from tactibench_tactip import Camera, Settings
 
 
+@pytest.fixture(autouse=True)
+def any_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames of fakes come as fast as the machine makes them, and none waits in a buffer."""
+    monkeypatch.setattr("tactibench_tactip.camera.FILLED_S", 0.0)
+    monkeypatch.setattr(Camera, "check_rate", lambda camera: camera._settings.fps)
+
+
 @pytest.fixture
 def settings() -> Settings:
     """Settings of a UR, with the camera as it is; pins are not counted."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -13,16 +14,23 @@ import pytest
 from fake_station import finish, make_settings
 from scripted_ur import STOP_L, ScriptedUr
 
-from tactibench import UserError
+from tactibench import Indenter, Pose, Scene, UserError
 from tactibench_tactip import (
     CriRobot,
     Pose6,
     RobotError,
     RobotLostError,
+    RobotThread,
     UrRobot,
     angle_between,
+    check_setup,
+    describe_place,
     from_ur,
+    geometry_of,
+    matrix,
+    pose_of,
     safety_state,
+    to_ur,
 )
 
 HOST = "127.0.0.97"
@@ -99,6 +107,63 @@ def test_another_tcp_on_the_pendant_is_refused_before_it_is_replaced() -> None:
 
 @needs_rtde
 @pytest.mark.long
+def test_a_program_that_runs_is_read_and_never_ended(arm: ScriptedUr) -> None:
+    """Neither the doctor nor a look at the pose stops it, and a move is refused."""
+    arm.program, arm.runs, arm.slider = "PLAYING grip.urp", True, 0.3
+    settings = make_settings(robot={"address": arm.host})
+    rows = {part: (mark, text) for mark, part, text in check_setup(settings)}
+    mark, text = rows["robot"]
+    assert mark == "WRONG"
+    assert "a program runs, PLAYING grip.urp, which a move would end" in text
+    robot = UrRobot(settings)
+    robot.connect("look")
+    assert robot.pose() == pytest.approx(from_ur(arm.pose))
+    told = robot.describe()
+    assert told["payload"] == "1.20 kg, its centre of gravity at 0, -10, 45 mm"
+    assert (told["program"], told["speed_slider"]) == ("PLAYING grip.urp", "30 %")
+    assert robot.state().speed_share == pytest.approx(0.3)
+    robot.close()
+    for program in ("PLAYING grip.urp", "PAUSED grip.urp", "could not understand", "STOPPED"):
+        arm.program = (
+            program  # STOPPED: a script that somebody sent runs without the pendant's word
+        )
+        robot = UrRobot(settings)
+        with pytest.raises(UserError, match=r"end it on the pendant|a program runs there"):
+            robot.connect()
+        robot.close()
+    assert (arm.runs, arm.stopped, arm.scripts, arm.commands) == (True, 0, 0, [])
+    assert arm.tcp[2] == pytest.approx(0.0891)
+
+
+@needs_rtde
+@pytest.mark.long
+def test_an_old_controller_tells_no_payload() -> None:
+    with ScriptedUr(HOST, lacks=("payload", "payload_cog")) as arm:
+        robot = UrRobot(make_settings(robot={"address": arm.host}))
+        robot.connect("look")
+        assert robot.describe()["payload"] == "not told"
+        assert not robot.state().stopped
+        robot.close()
+
+
+@needs_rtde
+@pytest.mark.long
+def test_what_ended_the_program_is_named_also_where_it_comes_later(
+    robot: UrRobot, arm: ScriptedUr, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactibench_tactip.ur.NAMED_S", 5.0)  # on a busy machine, too
+    arm.runs = False
+    _until(lambda: not robot._link.facts()["program"])
+    timer = threading.Timer(0.15, arm.stop_with, ("ROBOT_EMERGENCY_STOP",))
+    timer.start()
+    with pytest.raises(RobotError, match="emergency stop") as caught:
+        robot.start(from_ur(arm.pose), 5.0, 500.0)
+    assert "its control program ended" not in str(caught.value)
+    timer.join()
+
+
+@needs_rtde
+@pytest.mark.long
 def test_it_goes_where_it_is_sent_and_stops(robot: UrRobot, arm: ScriptedUr) -> None:
     # Ctrl-C does not reach its process; a session of its own would be starved by the kernel.
     process = robot._link._process.pid
@@ -106,8 +171,8 @@ def test_it_goes_where_it_is_sent_and_stops(robot: UrRobot, arm: ScriptedUr) -> 
     start = robot.pose()
     target: Pose6 = (start[0] + 3.0, start[1], start[2] - 5.0, *start[3:])
     robot.start(target, 20.0, 500.0)
-    finish(robot)
-    assert robot.pose()[:3] == pytest.approx(target[:3], abs=0.02)
+    # Not ``finish``: the word about a move that goes on may come a little after its beginning.
+    _until(lambda: robot.pose()[:3] == pytest.approx(target[:3], abs=0.02))
     assert angle_between(robot.pose(), target) < 0.01
     state = robot.state()
     assert state.normal
@@ -145,6 +210,44 @@ def test_a_stream_that_freezes_is_a_lost_arm(robot: UrRobot, arm: ScriptedUr) ->
     arm.frozen = True
     with pytest.raises(RobotLostError, match="sends nothing any more"):
         _until(lambda: robot.state() is None)
+
+
+IN_CONTACT = "mm past first touch, in contact"
+FAULTS: dict[str, tuple[Callable[[ScriptedUr], None], str, str]] = {
+    "protective": (lambda arm: arm.stop_with("PROTECTIVE_STOP"), "protective stop", "The tool is"),
+    "red button": (lambda arm: arm.stop_with("ROBOT_EMERGENCY_STOP"), "emergency", "The tool is"),
+    "pendant": (lambda arm: setattr(arm, "runs", False), "control program ended", "The tool is"),
+    "power": (lambda arm: setattr(arm, "mode", 3), "power off", "The tool is"),
+    "frozen": (lambda arm: setattr(arm, "frozen", True), "sends nothing any more", "last seen"),
+    "cable": (lambda arm: arm.hang_up(), "sends nothing any more", "last seen"),
+}
+"""What happens in contact -> what is said of it, and of the tool."""
+
+
+@needs_rtde
+@pytest.mark.long
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_contact_is_named_and_the_tool_is_told_of(arm: ScriptedUr, fault: str) -> None:
+    settings = make_settings(robot={"address": arm.host, "watchdog_hz": 2.0})
+    geometry, scene = geometry_of(settings), Scene(Indenter.single(), Pose(depth=3.0))
+    path, (make, message, told) = geometry.path(scene), FAULTS[fault]
+    arm.pose = to_ur(pose_of(matrix(settings.frames.work_frame) @ matrix(path.above)))
+
+    def guard(pose: Pose6) -> str:
+        arm.turns = 300
+        if pose[2] > 1.0:
+            make(arm)
+        return ""
+
+    with RobotThread(UrRobot(settings), settings) as thread:
+        with pytest.raises(RobotError, match=message):
+            thread.do(lambda m: m.descend(path, guard))
+        if told == "The tool is":
+            with pytest.raises(RobotError, match=message):
+                thread.do(lambda m: m.withdraw(scene, geometry))
+        sentence = describe_place(thread, geometry, scene, 0.0)
+    assert told in sentence
+    assert IN_CONTACT in sentence
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +27,7 @@ from tactibench_tactip import (
     ProtectiveStopError,
     SessionReport,
     Settings,
+    StopNowError,
     collect,
     dry_run,
     inverse,
@@ -34,6 +36,8 @@ from tactibench_tactip import (
 )
 
 COUNT = 4
+TRIAL = 4
+"""Moves of the press that tries the camera before the first one."""
 
 
 def plan(count: int = COUNT, indenter: Indenter | None = None) -> CollectionPlan:
@@ -72,7 +76,7 @@ class Lab:
         return collect(self.settings, what or plan(), self.folder, callbacks=callbacks)
 
     def collect_until_a_failure(self) -> None:
-        self.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), 6))
+        self.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), TRIAL + 6))
         with pytest.raises(RuntimeError):
             self.collect()
         self.prepare = lambda _: None
@@ -161,13 +165,13 @@ def test_a_rehearsal_does_not_go_on_with_a_data_set(lab: Lab) -> None:
 def test_a_sensor_that_looks_otherwise_is_refused(lab: Lab) -> None:
     lab.collect_until_a_failure()
     lab.capture.rest = lab.capture.rest[:, ::-1] + 8.0
-    with pytest.raises(UserError, match="grey levels from the one that"):
+    with pytest.raises(UserError, match="grey levels from the first one of"):
         lab.collect()
 
 
 def test_a_press_that_stops_the_arm_twice_is_given_up(lab: Lab) -> None:
     for _ in range(2):
-        lab.prepare = lambda robot: setattr(robot, "fails", _stopper(robot, 3))
+        lab.prepare = lambda robot: setattr(robot, "fails", _stopper(robot, TRIAL + 3))
         with pytest.raises(ProtectiveStopError, match=r"at press 0\. Look at the arm"):
             lab.collect()
     lab.prepare = lambda _: None
@@ -181,7 +185,11 @@ def test_a_press_that_stops_the_arm_twice_is_given_up(lab: Lab) -> None:
 
 
 def test_bad_frames_are_tried_again_and_then_marked(lab: Lab) -> None:
-    lab.capture.pattern = 0.0 * lab.capture.pattern  # no press can be seen
+    def blind(number: int) -> None:
+        if number == TRIAL + 1:  # no press can be seen from the first one on
+            lab.capture.pattern = 0.0 * lab.capture.pattern
+
+    lab.prepare = lambda robot: setattr(robot, "fails", blind)
     lab.settings = make_settings(contact=FIXED_TOUCH, safety={"give_up": 3})
     with pytest.raises(UserError, match=r"3 presses in a row were bad.*no contact is seen"):
         lab.collect()
@@ -196,11 +204,11 @@ def test_a_fault_of_the_whole_setup_writes_no_press(lab: Lab) -> None:
     capture, steady = lab.capture, lab.capture.retrieve
 
     def spoil(number: int) -> None:
-        if number == 6:  # in the second press
+        if number == TRIAL + 6:  # in the second press
             capture.retrieve = lambda: (True, 0 * steady()[1])  # type: ignore[method-assign]
 
     lab.prepare = lambda robot: setattr(robot, "fails", spoil)
-    with pytest.raises(UserError, match="light or the exposure"):
+    with pytest.raises(UserError, match=r"frozen.*sees light"):
         lab.collect()
     written = open_dataset(lab.folder).samples
     assert [sample.status for sample in written] == ["ok"] * len(written)
@@ -214,7 +222,7 @@ def test_a_fault_of_the_whole_setup_writes_no_press(lab: Lab) -> None:
 class Sticking(FakeCapture):
     """Shows a press for so many frames after it is gone."""
 
-    frames, left, last = 25, 0, 0.0
+    frames, left, last = 0, 0, 0.0
 
     def depth(self) -> float:
         depth = super().depth()
@@ -226,15 +234,20 @@ class Sticking(FakeCapture):
         return depth
 
 
-def test_a_press_waits_until_the_one_before_is_gone(lab: Lab) -> None:
+def test_a_press_waits_until_the_one_before_is_gone(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactibench_tactip.station.RELAXING_S", 60.0)  # on a busy machine, too
     sticking = Sticking(lab.robot)
     lab.capture = sticking
     begun: list[int] = []  # frames left, at every move of a tool that touches nothing
 
-    def look(robot: FakeRobot) -> None:
-        robot.fails = lambda _: begun.append(sticking.left) if robot.depth() == 0.0 else None
+    def look(number: int) -> None:
+        sticking.frames = 250 if number > TRIAL else 0
+        if lab.robot.depth() == 0.0:
+            begun.append(sticking.left)
 
-    lab.prepare = look
+    lab.prepare = lambda robot: setattr(robot, "fails", look)
     lab.settings = make_settings(contact=FIXED_TOUCH, safety={"give_up": 9})
     assert lab.collect().bad == COUNT
     samples = open_dataset(lab.folder).samples
@@ -246,9 +259,12 @@ def test_a_camera_that_lags_for_good_ends_the_session(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tactibench_tactip.station.RELAXING_S", 0.05)
-    sticking = Sticking(lab.robot)
-    sticking.frames = 10**9
-    lab.capture = sticking
+    sticking = lab.capture = Sticking(lab.robot)
+
+    def stick(number: int) -> None:
+        sticking.frames = 10**9 * (number > TRIAL)
+
+    lab.prepare = lambda robot: setattr(robot, "fails", stick)
     with pytest.raises(UserError, match=r"still show a contact .* the camera lags"):
         lab.collect()
     assert lab.ids() == []
@@ -270,6 +286,23 @@ def test_an_indenter_that_is_not_mounted_waits(lab: Lab) -> None:
     assert lab.collect(what, mount=mount).left == 0
     assert asked == [Indenter.dual(9.0)]
     assert open_dataset(lab.folder).header.status == "closed"
+
+
+def test_nobody_is_asked_for_an_indenter_after_an_interrupt(lab: Lab) -> None:
+    def interrupt(count: int) -> None:
+        if count and lab.ids()[-1:] == [COUNT - 1]:
+            signal.raise_signal(signal.SIGINT)
+
+    what = plan(indenter=Indenter.dual(9.0))
+    report = lab.collect(what, advance=interrupt, mount=lambda *_: pytest.fail("asked"))
+    assert (report.ok, report.left, report.interrupted) == (COUNT, 1, True)
+
+    def leave(*_: object) -> bool:
+        raise StopNowError
+
+    report = lab.collect(what, mount=leave)
+    assert (report.left, report.interrupted) == (1, True)
+    assert "clear of the sensor" in lab.said[-1]
 
 
 def test_first_touch_is_found_again_with_another_indenter(lab: Lab) -> None:
@@ -311,12 +344,13 @@ def test_a_flickering_light_is_refused(lab: Lab) -> None:
 
 
 def test_a_dry_run_stays_high_and_keeps_nothing(lab: Lab) -> None:
-    assert dry_run(lab.settings, plan().presses, 20.0, lambda _: None) == COUNT
+    assert dry_run(lab.settings, plan().presses, 20.0, Callbacks(lab.said.append)) == COUNT
+    assert "mm before first touch, clear of the sensor" in lab.said[-1]
     heights = [(inverse(lab.robot.work) @ matrix(pose))[2, 3] for pose in lab.robot.moves]
     assert max(heights) < -15.0
     assert not lab.folder.exists()
     with pytest.raises(UserError, match="dry-run-height"):
-        dry_run(lab.settings, plan().presses, 55.0, lambda _: None)
+        dry_run(lab.settings, plan().presses, 55.0, Callbacks())
 
 
 def _raiser(error: Exception, at: int) -> Callable[[int], None]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any
 
 import pytest
 from fake_station import FakeRobot, make_settings
@@ -14,8 +17,10 @@ from tactibench_tactip import (
     Camera,
     GuardError,
     Mover,
+    Pose6,
     ProtectiveStopError,
     RobotError,
+    RobotState,
     RobotThread,
     Settings,
     Station,
@@ -73,6 +78,93 @@ def test_halt_stops_a_move_and_refuses_the_next(robot: FakeRobot, settings: Sett
     assert len(robot.moves) == 1
 
 
+class Slowed(FakeRobot):
+    """It moves a hundredth of its way at a turn of 4 ms or more, under the pendant's slider."""
+
+    share, left, way = 1.0, 0, (0.0, 0.0, 0.0)
+
+    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
+        x, y, z = ((b - a) / 100.0 for a, b in zip(self.at[:3], pose[:3], strict=True))
+        self.moves.append(pose)
+        self.way, self.left = (x, y, z), 100
+
+    def moving(self) -> bool:
+        if self.left:
+            x, y, z = (a + b for a, b in zip(self.at[:3], self.way, strict=True))
+            self.at, self.left = (x, y, z, *self.at[3:]), self.left - 1
+        return self.left > 0
+
+    def stop(self) -> None:
+        self.stops, self.left = self.stops + 1, 0
+
+    def state(self) -> RobotState:
+        return replace(super().state(), speed_share=self.share)
+
+
+@pytest.mark.parametrize(
+    ("share", "z", "message"),
+    [
+        (1.0, -20.0, r"took longer than 0\.1 s; look"),
+        (0.5, -20.0, r"took longer than 0\.2 s with the speed slider at 50 %"),
+        (0.02, -20.0, ""),
+        (1.0, -59.0, ""),  # the way out
+    ],
+)
+def test_the_slider_is_part_of_the_time_and_the_way_out_has_all_of_it(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch, share: float, z: float, message: str
+) -> None:
+    monkeypatch.setattr("tactibench_tactip.motion.move_seconds", lambda *_: 0.1)
+    monkeypatch.setattr("tactibench_tactip.motion.patience", lambda seconds: seconds)
+    monkeypatch.setattr("tactibench_tactip.motion.TICK_S", 0.004)
+    robot = Slowed(settings)
+    robot.share = share
+    mover = Mover(robot, settings, threading.Event())
+    with pytest.raises(RobotError, match=message) if message else nullcontext():
+        mover.go((0.0, 0.0, z, 0.0, 0.0, 0.0), 5.0)
+    assert robot.stops == bool(message)
+
+
+@pytest.mark.parametrize(
+    ("keys", "speed", "down", "moves"),
+    [
+        ({"driver": "grbl"}, 5.0, 3.0, 6),
+        ({"driver": "cri"}, 1.0, 0.2, 1),
+        ({"driver": "grbl"}, 5.0, -15.0, 1),  # the way out
+        ({"driver": "ur"}, 5.0, 3.0, 1),  # its watchdog stops it within 0.5 mm
+        ({"driver": "ur"}, 20.0, 3.0, 6),
+        ({"driver": "ur", "watchdog_hz": 2.0}, 5.0, 3.0, 6),
+    ],
+)
+def test_a_move_that_may_touch_is_short_where_nobody_watches_it(
+    keys: dict[str, Any], speed: float, down: float, moves: int
+) -> None:
+    settings = make_settings(robot=keys)
+    robot = FakeRobot(settings)
+    mover = Mover(robot, settings, threading.Event())
+    x, y, z, *turn = mover.pose()
+    mover.go_in_touch((x, y, z + down, *turn), speed, lambda _: "")  # type: ignore[arg-type]
+    assert len(robot.moves) == moves
+    assert mover.pose()[:3] == pytest.approx((x, y, z + down))
+
+
+def test_neither_force_nor_the_envelope_stops_the_way_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = make_settings(envelope={"above_mm": 5.0, "clearance_mm": 10.0})
+    monkeypatch.setattr("tactibench_tactip.motion.TICK_S", 0.001)
+    robot = Slowed(settings)
+    robot.at = pose_of(robot.work @ matrix((0.0, 0.0, 3.0, 0.0, 0.0, 0.0)))
+    mover = Mover(robot, settings, threading.Event())
+    guard = mover.force_guard()
+    robot.force = (0.0, 0.0, 99.0)
+    mover.go((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), 5.0, lambda _: "force")
+    assert guard(mover.pose()) == ""  # no force was measured before
+    mover.raise_straight(geometry_of(settings))
+    assert mover.pose()[2] == pytest.approx(-10.0)
+    with pytest.raises(GuardError, match="force"):
+        mover.go((0.0, 0.0, 2.0, 0.0, 0.0, 0.0), 5.0, lambda _: "force")
+
+
 def test_a_tool_beside_its_line_is_stopped_also_without_a_guard(
     mover: Mover, robot: FakeRobot
 ) -> None:
@@ -92,11 +184,32 @@ def test_too_much_force_is_a_reason(robot: FakeRobot) -> None:
     robot.force = (0.0, 3.0, -2.5)
     assert "max_force_n" in guard(mover.pose())
     robot.force = None
-    assert guard(mover.pose()) == ""
+    assert "no longer tells its force" in guard(mover.pose())
+    assert mover.force_guard()(mover.pose()) == ""  # it never measured one
 
 
-def test_a_robot_that_was_held_is_noticed(mover: Mover, robot: FakeRobot) -> None:
+def test_a_place_that_is_no_number_ends_a_move(mover: Mover, robot: FakeRobot) -> None:
+    robot.busy = True
+    robot.fails = lambda _: setattr(robot, "pose", lambda: (float("nan"),) * 6)
+    with pytest.raises(GuardError, match="beside its line"):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
+    assert robot.stops == 1
+
+
+def test_a_robot_that_goes_on_after_it_was_told_to_stop_is_said(
+    mover: Mover, robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactibench_tactip.motion.STOP_S", 0.02)
+    robot.moving = lambda: True  # type: ignore[method-assign]
+    with pytest.raises(RobotError, match=r"still moves 0\.02 s after it was told to stop"):
+        mover.stop()
+
+
+def test_a_robot_that_was_held_is_noticed(
+    mover: Mover, robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It stops on its way: not tried again. It does not move at all: tried once more."""
+    monkeypatch.setattr("tactibench_tactip.motion.GRACE_S", 0.02)
     at = robot.at
 
     def held(_: int) -> None:
@@ -132,7 +245,7 @@ def test_the_tool_is_drawn_back_along_the_press(
 
 def test_a_robot_that_hangs_is_left_behind(robot: FakeRobot) -> None:
     event = threading.Event()
-    robot.connect = lambda: event.wait(5.0)  # type: ignore[method-assign,assignment,return-value]
+    robot.connect = lambda _: event.wait(5.0)  # type: ignore[method-assign,assignment,return-value]
     settings = make_settings(robot={"connect_s": 0.02})
     with pytest.raises(RobotError, match=r"did not answer within 0\.02 s"):
         RobotThread(robot, settings).__enter__()
@@ -145,7 +258,7 @@ def test_only_one_thread_touches_the_robot(robot: FakeRobot, settings: Settings)
     robot.fails = lambda _: names.add(threading.current_thread().name)
     with RobotThread(robot, settings) as owner:
         for z in (-20.0, -25.0):
-            owner.do(lambda m, z=z: m.go((0.0, 0.0, z, 0.0, 0.0, 0.0), 5.0), 5.0)
+            owner.do(lambda m, z=z: m.go((0.0, 0.0, z, 0.0, 0.0, 0.0), 5.0))
     assert names == {"tactip robot"}
     assert robot.closed
 

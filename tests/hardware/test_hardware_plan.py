@@ -64,6 +64,30 @@ def test_the_envelope(pose: Pose6, message: str) -> None:
     assert "yaw_deg" in envelope_violation(EnvelopeSettings(yaw_deg=90.0), (0, 0, 0, 0, 0, 91.0))
 
 
+NOWHERE: Pose6 = (float("nan"),) * 6
+
+
+@pytest.mark.parametrize(
+    ("start", "pose", "message"),
+    [
+        ((0.0, 0.0, 12.0, 0.0, 0.0, 0.0), (0.0, 0.0, 11.9, 0.0, 0.0, 0.0), ""),
+        ((0.0, 0.0, 12.0, 0.0, 0.0, 0.0), (0.0, 0.0, 12.1, 0.0, 0.0, 0.0), "below_mm"),
+        ((0.0, 0.0, 12.0, 0.0, 0.0, 0.0), (0.0, 0.0, -61.0, 0.0, 0.0, 0.0), "above_mm"),
+        ((0.0, 0.0, -80.0, 0.0, 0.0, 0.0), (0.0, 0.0, -79.5, 0.0, 0.0, 0.0), ""),
+        ((40.0, 0.0, -30.0, 0.0, 0.0, 0.0), (30.0, 0.0, -30.0, 0.0, 0.0, 0.0), ""),
+        ((40.0, 0.0, -30.0, 0.0, 0.0, 0.0), (-13.0, 0.0, -30.0, 0.0, 0.0, 0.0), "half_width_mm"),
+        ((0.0, 0.0, 3.0, 40.0, 0.0, 0.0), (0.0, 0.0, -30.0, 40.0, 0.0, 0.0), ""),
+        ((0.0, 0.0, 3.0, 40.0, 0.0, 0.0), (0.0, 0.0, -30.0, 41.0, 0.0, 0.0), "tilt_deg"),
+        (NOWHERE, HOME, ""),
+        (NOWHERE, (12.1, 0.0, 0.0, 0.0, 0.0, 0.0), "half_width_mm"),
+        (NOWHERE, (0.0, 0.0, 0.0, 26.0, 0.0, 0.0), "tilt_deg"),
+    ],
+)
+def test_the_way_back_into_the_envelope_is_free(start: Pose6, pose: Pose6, message: str) -> None:
+    assert message in envelope_violation(KEYS, pose, start)
+    assert bool(message) == bool(envelope_violation(KEYS, pose, start))
+
+
 @pytest.mark.parametrize(
     ("scene", "reason"),
     [

@@ -38,7 +38,9 @@ from tactibench_tactip import (
     Station,
     StopNowError,
     collect,
+    describe_place,
     dry_run,
+    geometry_of,
     inverse,
     matrix,
     measure_place,
@@ -70,7 +72,7 @@ def test_a_held_press_ends_when_the_arm_stops(settings: Settings, robot: Looking
     station = Station(settings)
     down = station.down
 
-    def stopped(mover: Mover, path: Any) -> int:
+    def stopped(mover: Mover, path: Any) -> Any:
         moment = down(mover, path)
         robot.normal, robot.stopped = False, True
         return moment
@@ -85,8 +87,9 @@ def test_force_ends_a_dry_run(settings: Settings, robot: Looking) -> None:
     """Somebody left a hand where the tool goes."""
     robot.fails = lambda n: setattr(robot, "force", (0.0, 0.0, 30.0 if n > 2 else 0.0))
     robot.fails(0)
-    with pytest.raises(GuardError, match="max_force_n"):
-        dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+    with pytest.raises(GuardError, match="max_force_n") as caught:
+        dry_run(settings, PLAN.presses, 20.0, Callbacks())
+    assert "before first touch, clear of the sensor" in caught.value.__notes__[0]
 
 
 def test_sigterm_before_the_first_press_ends_a_collection_at_once(
@@ -145,9 +148,35 @@ def test_an_error_is_told_where_the_way_back_was_stopped(
     told: list[str] = []
     report = collect(settings, PLAN, tmp_path / "data", callbacks=Callbacks(notify=told.append))
     assert (report.interrupted, report.left) == (True, 1)
-    assert told == ["stopping the robot", "somebody held it"]
+    assert told[:2] == ["stopping the robot", "somebody held it"]
+    assert "10.00 mm before first touch, clear of the sensor" in told[2]
     (error,) = (e for e in open_dataset(tmp_path / "data").events if e["kind"] == "error")
     assert error["reason"] == "somebody held it"
+
+
+def test_a_request_to_stop_between_a_failed_press_and_the_way_back_is_not_forgotten(
+    settings: Settings, robot: Looking, camera: Camera, press_of: Callable[..., Scene]
+) -> None:
+    """The way back clears it, as it must not stop the way back."""
+
+    def held(_: int) -> None:
+        if robot.depth() and not pressed:
+            pressed.append(1)
+            station.stop_now()
+            raise GuardError("the force changed")
+
+    pressed: list[int] = []
+    robot.fails = held
+    with camera, Station(settings, robot, camera) as station:
+        with pytest.raises(StopNowError) as caught:
+            station.press(press_of())
+        assert "the force changed" in str(caught.value.__context__)
+        moves = len(robot.moves)
+        with pytest.raises(StopNowError):
+            station.press(press_of())
+    assert len(robot.moves) == moves
+    assert not robot.depth()
+    assert "clear of the sensor" in station.place
 
 
 def test_a_tool_that_was_left_at_a_press_is_drawn_back_before_it_moves_sideways(
@@ -170,7 +199,7 @@ def test_a_tool_that_was_left_at_a_press_is_drawn_back_before_it_moves_sideways(
     with camera, Station(settings, robot, camera) as station:
         with pytest.raises(RobotError, match="held it"):
             station.press(press_of())
-        station.stop_now()
+        station.robot_thread.halt.set()
         with pytest.raises(StopNowError):
             station.press(press_of(3.0))
         assert robot.depth()  # a request to stop counts also here
@@ -193,7 +222,7 @@ def test_a_camera_that_stalls_ends_a_descent(
     with Station(settings) as station:
         station.look_at_rest()
         robot.fails = stall
-        with pytest.raises(CameraError, match="no frames in a descent"):
+        with pytest.raises(CameraError, match=r"gave no frame for 0\.3 s"):
             station.press(press_of())
         capture.stalled.clear()
     assert robot.tool()[2] <= TRUE_Z0 - settings.envelope.clearance_mm + 0.1
@@ -261,8 +290,8 @@ def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
 ) -> None:
     with camera, Station(settings, slow, camera) as station:
         station.look_at_rest()
-        monkeypatch.setattr("tactibench_tactip.station.patience", lambda *_: 0.05)
-        with pytest.raises(RobotError, match="told to stop"):
+        monkeypatch.setattr("tactibench_tactip.motion.patience", lambda *_: 0.05)
+        with pytest.raises(RobotError, match="took longer than"):
             station.press(press_of())
         assert withdrawn_after_a_stop(slow)
         assert not station.robot_thread.halt.is_set()
@@ -282,7 +311,10 @@ def test_an_interrupt_stops_a_descent(
         assert withdrawn_after_a_stop(slow)
 
 
-def test_a_job_that_nobody_waits_for_is_never_begun(slow: SlowRobot, settings: Settings) -> None:
+def test_a_job_that_nobody_waits_for_is_never_begun(
+    slow: SlowRobot, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactibench_tactip.motion.QUIET_S", 0.02)
     held = threading.Event()
     begun: list[str] = []
 
@@ -292,9 +324,49 @@ def test_a_job_that_nobody_waits_for_is_never_begun(slow: SlowRobot, settings: S
     with RobotThread(slow, settings) as owner:
         for job in (hold, lambda _: begun.append("late")):
             with pytest.raises(RobotError, match="told to stop"):
-                owner.do(job, 0.02)
+                owner.do(job)
         held.set()
     assert begun == []
+
+
+@pytest.mark.parametrize(
+    ("place", "slack", "told"),
+    [
+        (
+            (0.0, 0.0, 2.0),
+            0.1,
+            "z 2.00 mm of the work frame, 2.00 mm past first touch, in contact.",
+        ),
+        ((0.0, 0.0, -2.0), 0.1, "2.00 mm before first touch, clear of the sensor."),
+        ((0.0, 0.0, -2.0), 3.0, "2.00 mm before first touch, perhaps in contact."),
+        (
+            (50.0, 0.0, -2.0),
+            3.0,
+            "x 50.00, y 0.00, z -2.00 mm of the work frame, beside the sensor.",
+        ),
+    ],
+)
+def test_the_place_of_the_tool_is_told(
+    settings: Settings,
+    robot: Looking,
+    press_of: Callable[..., Scene],
+    place: tuple[float, float, float],
+    slack: float,
+    told: str,
+) -> None:
+    robot.at = pose_of(robot.work @ matrix((*place, 0.0, 0.0, 0.0)))
+    geometry = geometry_of(settings).with_z0(0.0)
+    with RobotThread(robot, settings) as thread:
+        assert told in describe_place(thread, geometry, press_of(), slack)
+        assert describe_place(thread, geometry, press_of(), slack).startswith("The tool is at")
+
+        def lost() -> Pose6:
+            raise RobotError("the cable")
+
+        robot.pose = lost  # type: ignore[method-assign]
+        sentence = describe_place(thread, geometry, press_of(), slack)
+    assert "the tool was last seen at" in sentence
+    assert "clear of" not in sentence
 
 
 class TestLeftInTheSkin:
@@ -319,8 +391,24 @@ class TestLeftInTheSkin:
             Station(settings, robot, camera) as station,
         ):
             station.press(press_of())
-        assert "left where it is. It may be at a press" in caught.value.__notes__[0]
+        told = caught.value.__notes__[0]
+        assert "left where it is. The tool is at x 0.00, y 0.00, z 2.35 mm of the work" in told
+        assert "2.00 mm past first touch, in contact." in told
         assert robot.tool()[2] > -5.0
+
+    def test_an_interrupt_says_so_in_whole_words(
+        self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
+    ) -> None:
+        def press_and_interrupt() -> None:
+            with camera, Station(settings, robot, camera) as station:
+                with pytest.raises(ProtectiveStopError):
+                    station.press(press_of())
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt) as caught:
+            press_and_interrupt()
+        told = caught.value.__notes__[0]
+        assert "the robot is not normal: fake. The tool was left where it is. The tool is" in told
 
     def test_no_error_becomes_one(
         self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
@@ -332,7 +420,7 @@ class TestLeftInTheSkin:
                 with pytest.raises(RobotError, match="left where it is"):
                     station.withdraw()
 
-        with pytest.raises(RobotError, match=r"left where it is\. It may be at a press"):
+        with pytest.raises(RobotError, match=r"left where it is\. .* past first touch, in contact"):
             press_and_draw_back()
         assert robot.closed
 

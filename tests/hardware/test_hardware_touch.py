@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import settings as settings_of
 from hypothesis import strategies as st
 
-from tactibench import UserError
 from tactibench_tactip import (
     Camera,
     GuardError,
@@ -23,6 +22,9 @@ from tactibench_tactip import (
     projections,
 )
 
+FOUND_MM = 0.03
+"""Of 60 searches in other noise none was off by more than 0.015 mm, and their mean by 0.001 mm."""
+
 
 @given(st.floats(-0.2, 0.2), st.sampled_from([1.0, 1.2, 1.5, 2.0]), st.integers(0, 50))
 def test_the_begin_of_a_power_law_is_found(start: float, power: float, seed: int) -> None:
@@ -31,6 +33,21 @@ def test_the_begin_of_a_power_law_is_found(start: float, power: float, seed: int
     noisy = signal + np.random.default_rng(seed).normal(0.0, 1e-4, len(depths))
     found = fit_onset(depths, noisy)
     assert found == pytest.approx(start, abs=0.02)
+
+
+@pytest.mark.parametrize("level", [1.0, 2.0])
+@pytest.mark.parametrize("power", [1.0, 1.5])
+def test_noise_does_not_move_the_begin(level: float, power: float) -> None:
+    """Noise of the rest frame is in every change, and that of the deepest frame in its own."""
+    rng, depths = np.random.default_rng(0), np.arange(-0.3, 0.65, 0.1)
+    pattern = 8.0 * (rng.uniform(0.0, 1.0, (48, 48)) < 0.1)
+    found = []
+    for _ in range(40):
+        rest = rng.normal(0.0, 0.25 * level, pattern.shape)
+        noise = rng.normal(0.0, 0.6 * level, (len(depths), *pattern.shape))
+        images = pattern * np.maximum(0.0, depths)[:, None, None] ** power + noise
+        found.append(fit_onset(depths[:-1], projections(images, rest)[:-1]))
+    assert abs(np.mean(found)) < 0.02
 
 
 def test_a_projection_is_blind_to_brightness() -> None:
@@ -50,12 +67,12 @@ def station(settings: Settings, robot: FakeRobot, camera: Camera) -> Station:
 def test_first_touch_is_found_and_taken_over(station: Station) -> None:
     with station.camera, station:
         touch = find_touch(station)
-        assert touch.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
+        assert touch.z0_mm == pytest.approx(TRUE_Z0, abs=FOUND_MM)
         assert station.geometry.z0 == touch.z0_mm
         rest = station.rest
         again = find_touch(station)
         assert station.rest is not rest  # the light may have changed
-        assert again.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
+        assert again.z0_mm == pytest.approx(TRUE_Z0, abs=FOUND_MM)
 
 
 def test_nothing_there_is_said(station: Station, capture: FakeCapture, robot: FakeRobot) -> None:
@@ -81,24 +98,12 @@ def test_a_force_that_grows_with_the_steps_ends_a_search(
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
 
 
-def test_force_is_asked_of_a_robot_that_measures_it(robot: FakeRobot, camera: Camera) -> None:
-    settings = make_settings(contact={"method": "force", "force_n": 1.0})
-    with camera, Station(settings, robot, camera) as station:
-        with pytest.raises(UserError, match="measures none"):
-            find_touch(station)
-        robot.stiffness = 2.0
-        touch = find_touch(station)
-    assert touch.z0_mm == pytest.approx(
-        TRUE_Z0 + 0.6, abs=0.15
-    )  # half a newton a mm, one step late
-
-
-def test_a_fixed_place_moves_nothing(robot: FakeRobot, camera: Camera) -> None:
+def test_a_fixed_place_is_not_searched(robot: FakeRobot, camera: Camera) -> None:
     settings = make_settings(contact={"method": "fixed", "fixed_mm": 0.3})
     with camera, Station(settings, robot, camera) as station:
-        before = len(robot.moves)
-        assert find_touch(station).z0_mm == 0.3
-        assert len(robot.moves) == before
+        for _ in range(2):
+            assert find_touch(station).z0_mm == 0.3
+            assert len(robot.moves) == 4  # of the press that tries the camera, once
 
 
 @settings_of(max_examples=25)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import http.client
+import socket
 from collections.abc import Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
@@ -49,6 +51,15 @@ def ask(
 def post(server: LocalServer, body: bytes, **headers: Any) -> tuple[int, bytes]:
     headers = {"Content_Type": "application/json", **headers}
     return ask(server, "POST", "/shout", body, **headers)[:2]
+
+
+def test_many_slow_connections_leave_the_page_open(server: LocalServer) -> None:
+    place = ("127.0.0.1", port_of(server))
+    with ExitStack() as slow:
+        for _ in range(100):
+            half = slow.enter_context(socket.create_connection(place, timeout=10))
+            half.sendall(b"POST /shout HTTP/1.1\r\nHost: local")
+        assert ask(server, "GET", "/")[:2] == (200, b"hello")
 
 
 def test_files_and_answers(server: LocalServer) -> None:

@@ -52,7 +52,7 @@ def test_a_changed_file_needs_an_id_of_its_own(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"not the 'exp2' that ships.*'my-exp2'"):
         load_protocol(str(copy))
     copy.write_text(text.replace('id = "exp2"', 'id = "copy"'), encoding="utf-8")
-    assert load_protocol(str(copy)).label == "copy@2"
+    assert load_protocol(str(copy)).label == "copy@3"
 
 
 def test_a_shipped_protocol_is_never_replaced(

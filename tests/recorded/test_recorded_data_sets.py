@@ -104,5 +104,5 @@ def test_no_rest_frame_and_no_scene(data_set, open_recording):
 
 
 def test_samples_of_which_nothing_is_known(data_set, open_recording):
-    with pytest.raises(UserError, match="no column pose_2"):
+    with pytest.raises(UserError, match="no column 'pose_2'"):
         open_recording(data_set([None, None]))

@@ -68,18 +68,17 @@ def record(
 
 
 def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
-    text = board_page(PROTOCOL, [record(fabricate), record(fabricate, "mean", 10.0)], []).markdown()
-    part = text.split("Where the error doubles: what is pressed")[1].split("</details>")[0]
-    heads = next(line for line in part.split("\n") if line.startswith("| model"))
-    assert "grazing, mm" in heads
-    assert "blur" not in heads
-    (row,) = [line for line in part.split("\n") if line.startswith("| unet ")]
-    assert "&gt; 6.5" in row
-    assert "<br><sub>0.45 – 0.55</sub>" in row  # grazing at 0.5 mm
-    faults = text.split("the camera and its light")[1].split("</details>")[0]
-    assert "shift, px" in faults
-    assert "individual" not in faults  # its values have no order
-    assert "Speed and cost" not in text
+    page = board_page(PROTOCOL, [record(fabricate), record(fabricate, "mean", 10.0)], [])
+    shown = {one.title: one for one in page.sections[0].tables}
+    doubling = shown["Where the error doubles: value [95 % interval]"]
+    # A model that is always wrong doubles nothing: no `mean`.
+    assert [column.head for column in doubling.columns[2:]] == ["unet"]
+    values = {row[0]: str(row[2]) for row in doubling.rows}
+    assert values["deep, mm"] == "> 6.5"
+    assert values["grazing, mm"].endswith("[0.45, 0.55]")
+    assert "shift, px" in values
+    assert "individual" not in values  # its values have no order
+    assert "Speed and cost" not in shown
 
 
 def test_six_models_have_a_legend_inside_the_figure_and_a_table_that_is_explained(

@@ -33,11 +33,9 @@ def names(data):
     return {board.name: len(board.records) for board in data.boards}
 
 
-def test_auto_takes_the_store_and_else_the_board(store, tmp_path):
-    board = tmp_path / "leaderboards"
-    board.mkdir()
-    assert names(gather(store, board)) == {"exp1": 4, "exp2": 2}
-    made = gather(tmp_path / "none", ROOT / "leaderboards")
+def test_what_is_asked_is_what_is_shown(store):
+    assert names(gather(store, None)) == {"exp1": 4, "exp2": 2}
+    made = gather(None, ROOT / "leaderboards")
     shown = {board.protocol.spec.id for board in made.boards}
     assert shown >= {"exp1", "exp2", "exp3", "surface"}
     assert "committed records" in made.origin
@@ -49,12 +47,12 @@ def test_both_takes_the_newest_of_a_row_and_seed(store, tmp_path, fabricate):
     was = fabricate(created="2020-01-01T00:00:00+00:00", name="exp1-unet-old", error=0.9)
     add(store_run(tmp_path / "old", was, old), board)
     add(store_run(tmp_path / "old", fabricate(model="vgnn", encoder=None), old), board)
-    made = gather(store, board, origin="both")
+    made = gather(store, board)
     records = {r.name for b in made.boards if b.name == "exp1" for r in b.records}
     assert "exp1-unet-old" not in records
     assert len(records) == 5
     assert made.origin.startswith("Made from 1 committed record and 6 runs stored in ")
-    assert names(gather(store, board, origin="board")) == {"exp1": 2}
+    assert names(gather(None, board)) == {"exp1": 2}
 
 
 def test_partial_runs_are_counted_and_left_out(tmp_path, fabricate):
@@ -62,7 +60,7 @@ def test_partial_runs_are_counted_and_left_out(tmp_path, fabricate):
     for partial in (True, False):
         record = fabricate(partial=partial, name=f"exp1-unet-{partial}")
         store_run(tmp_path / "runs", record, parts)
-    made = gather(tmp_path / "runs", tmp_path)
+    made = gather(tmp_path / "runs", None)
     assert names(made) == {"exp1": 1}
     assert "Left out: 1 partial, other or older run." in made.origin
 
@@ -71,20 +69,22 @@ def test_a_damaged_run_is_named(tmp_path, fabricate):
     run = store_run(tmp_path / "runs", fabricate(), contact_parts())
     (run.folder / "predictions.npz").unlink()
     with pytest.raises(UserError, match=r"predictions\.npz does not exist"):
-        gather(tmp_path / "runs", tmp_path)
+        gather(tmp_path / "runs", None)
 
 
 @pytest.mark.parametrize(
-    ("more", "sentence"),
+    ("store", "board", "protocols", "sentence"),
     [
-        ({"protocols": ("exp9",)}, "unknown protocol 'exp9'"),
-        ({"origin": "runs"}, "no complete run to show in .*runs; run a protocol"),
-        ({"origin": "board"}, "there is no board in"),
+        ("runs", None, ("exp9",), "unknown protocol 'exp9'"),
+        ("runs", None, (), "no complete run to show in .*runs; run a protocol"),
+        ("runs", None, ("exp2",), "no complete run of exp2 to show in .*runs"),
+        (None, "none", (), "there is no folder"),
     ],
 )
-def test_mistakes_get_a_sentence(tmp_path, more, sentence):
+def test_mistakes_get_a_sentence(tmp_path, store, board, protocols, sentence):
+    places = [None if name is None else tmp_path / name for name in (store, board)]
     with pytest.raises(UserError, match=sentence):
-        gather(tmp_path / "runs", tmp_path / "none", **more)
+        gather(*places, protocols=protocols)
 
 
 LARGEST = 5_000_000
@@ -190,7 +190,7 @@ def test_one_file_is_written(cli, made_store, tmp_path):
     code, out, err = cli("report", "--store", made_store, "--protocol", "exp2")
     assert (code, err) == (0, "")
     assert out.startswith("Made from 2 runs stored in ")
-    assert "report.html: " in out
+    assert "wrote report.html (" in out
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
     assert b'id="exp1"' not in (tmp_path / "report.html").read_bytes()
 
@@ -199,7 +199,7 @@ def test_a_site_has_an_index_a_page_a_protocol_and_a_link_a_row(cli, made_store,
     code, out, err = cli("report", "--store", made_store, "--site", "public/boards")
     assert (code, err) == (0, "")
     folder = tmp_path / "public" / "boards"
-    assert "index.html: 3 pages" in out
+    assert "index.html (3 pages, " in out
     assert {path.name for path in folder.iterdir()} >= {"index.html", "exp1.html", "exp2.html"}
     index = (folder / "index.html").read_text(encoding="utf-8")
     links = re.findall(r'href="([a-z0-9-]+\.html)#([a-z0-9-]+)"', index)
@@ -214,8 +214,8 @@ def test_a_site_has_an_index_a_page_a_protocol_and_a_link_a_row(cli, made_store,
     [
         (("--out", "page.html", "--site", "public"), "--out names one file and --site a folder"),
         (("--out", "page.pdf"), "page.pdf is no HTML file; call it page.html"),
-        (("--from", "runs"), "there is no run store in runs"),
-        ((), "there is no board in leaderboards"),
+        (("--store", "none"), "there is no run store in none"),
+        (("--board", "none"), "there is no folder none; name another with"),
     ],
 )
 def test_mistakes_get_a_sentence_and_nothing_is_written(refused, tmp_path, arguments, words):

@@ -104,6 +104,15 @@ def test_a_model_keeps_its_look_and_rows_of_one_model_differ() -> None:
     assert rows[1] == model_look("unet")
 
 
+@pytest.mark.parametrize("name", ["mine", "resnet", "gp", "a lab's own"])
+def test_a_model_of_others_has_a_look_that_no_shipped_one_has(name: str) -> None:
+    shipped = [model_look(model) for model in (*MODELS, "mean", "nearest")]
+    guest = model_look(name)
+    assert guest.color not in {look.color for look in shipped}
+    assert guest.marker not in {look.marker for look in shipped}
+    assert len({look.marker for look in row_looks([name] * 3)}) == 3
+
+
 def distance_row(fabricate: Any, error: float | None, model: str = "unet") -> Row:
     """A row of which 40 % are resolved at three distances."""
     counts: dict[str, Any] = {"n": 9, "clusters": 9, "unit": "mm", "better": "lower"}
@@ -187,18 +196,39 @@ def test_points_of_a_frontier_are_in_its_key_and_dominated_ones_are_hollow(
     assert panels[0].get_xscale() == panels[0].get_yscale() == "log"
 
 
+@pytest.mark.parametrize("named", [True, False])
+def test_labels_of_a_frontier_do_not_overlap(fabricate: Any, named: bool) -> None:
+    """Six points within a few per cent of each other, named or numbered."""
+    rng = np.random.default_rng(3)
+    records = [
+        fabricate(
+            model=f"model{k}" if named else "unet",
+            settings={} if named else {"width": k},
+            error=0.1 * (1 + rng.uniform(0, 0.5)),
+            p90_ms=2.0 * (1 + rng.uniform(0, 0.3)),
+        )
+        for k in range(6)
+    ]
+    figure = frontier_figure(frontiers(rows_of(records), ERROR), ERROR)
+    figure.draw_without_rendering()
+    texts = figure.axes[0].texts
+    assert {text.get_text().rstrip("0123456789") for text in texts} == {"model" if named else ""}
+    boxes = [text.get_window_extent() for text in texts]
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+
+
 def test_a_frontier_marks_times_that_are_not_settled(fabricate: Any) -> None:
     quiet, busy = (fabricate(settings={"width": w}, error=w / 99, p90_ms=w) for w in (8, 16))
     for speed in busy.speed:
         speed.settled = False
-    for records, numbers in (([quiet], ["1"]), ([quiet, busy], ["2", "1*"])):
+    for records, numbers in (([quiet], ["unet, width=8"]), ([quiet, busy], ["2", "1*"])):
         (one,) = frontiers(rows_of(records), ERROR)
         figure = frontier_figure([one], ERROR)
         assert [text.get_text() for text in figure.axes[0].texts] == numbers
         key = [text.get_text() for text in figure.legends[0].get_texts()]
         assert any("not settled" in text for text in key) == (busy in records)
         marks = [row[2].mark for row in frontier_table(one, ERROR).rows]
-        assert marks == [number[1:] for number in numbers]
+        assert marks == ["*" if number.endswith("*") else "" for number in numbers]
 
 
 def test_sensors_that_no_training_saw_stand_beside_a_frontier(fabricate: Any) -> None:
@@ -207,7 +237,7 @@ def test_sensors_that_no_training_saw_stand_beside_a_frontier(fabricate: Any) ->
             settings={"width": w},
             error=w / 99,
             p90_ms=w,
-            metrics=(("gospa1_mm", "unseen", unseen),),
+            metrics=(("gospa_depth_mm", "unseen", unseen),),
         )
         for w, unseen in ((8, 0.3), (16, 0.2))
     ]
@@ -221,7 +251,7 @@ def test_sensors_that_no_training_saw_stand_beside_a_frontier(fabricate: Any) ->
     assert points == [(8, 0.3), (16, 0.2)]
     assert unseen_frontiers("exp1", other, found) is None  # not the nominal sensor
     left, right = frontier_figure(found, ERROR, unseen=unseen).axes
-    assert "8 sensors that no training saw" in right.get_title("left")
+    assert "sensors that no training saw" in right.get_title("left")
     assert "unseen" in right.get_ylabel()
     assert left.get_xlim() == right.get_xlim()
     assert left.get_ylim() != right.get_ylim()  # another error has an axis of its own

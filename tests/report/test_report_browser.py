@@ -102,9 +102,10 @@ def test_a_head_sorts_by_click_and_by_key_numbers_as_numbers(tab):
     button.focus()
     tab.page.keyboard.press("Enter")
     assert tab.column(table, number) == sorted(before, key=float, reverse=True)
-    tab.page.keyboard.press("Space")
-    assert table.locator("th").nth(number).get_attribute("aria-sort") == "ascending"
     assert "sorted by" in tab.page.locator("#said").inner_text()
+    tab.page.keyboard.press("Space")  # the third one restores the order of the ranks
+    assert table.locator("th").nth(number).get_attribute("aria-sort") is None
+    assert tab.column(table, number) == before
 
 
 @pytest.mark.parametrize("width", [1280, 768, 390])

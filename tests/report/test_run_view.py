@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from tactibench.board import Placement, Row, ranking_error
+from tactibench.board import Placement, RankInterval, Row, compact, ranking_error, text_of
 from tactibench.records import Record, SimulatorError
 from tactibench.report import (
     error_line,
@@ -115,7 +115,8 @@ def test_a_censored_threshold_is_a_limit(row: Any, record: Any, render: Any) -> 
 def test_a_partial_run_says_so_above_and_below(record: Any, render: Any) -> None:
     limits = {"quick": True, "limit": 50}
     lines = render(record("exp1", partial=True, limits=limits)).splitlines()
-    assert lines.count("PARTIAL (quick, limit 50): not for a board") == 2
+    warning = "PARTIAL (quick, limit 50): its errors say nothing of the model, not for a board"
+    assert lines.count(warning) == 2
     assert partial_line(record("exp1", limits=limits)) == ""
 
 
@@ -147,21 +148,18 @@ def test_a_partial_run_has_no_rank(fabricate: Callable[..., Record]) -> None:
     assert "without --quick and --limit" in line
 
 
-RATIOS = (("x", 1.5), ("y", 20.0), ("z", 1021.3))
-
-
 def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None:
     ranking, above = ranking_error("exp1"), Row((fabricate(model="cnn", error=0.0412),))
-    made = fabricate(metrics=tuple(("rmse_over_bound", axis, value) for axis, value in RATIOS))
-    line = placed(made, Placement(ranking, 3, 9, above))
-    assert "rank 3 of 9 by GOSPA (p = 1), above it cnn + hertz (single) 0.0412" in line
-    assert "RMSE 1.50 to 1,021 times the bound" in line
+    made = fabricate()
+    line = placed(made, Placement(ranking, RankInterval(2, 4), 9, above))
+    assert "rank 2–4 of 9 by GOSPA, above it cnn 0.0412" in line
     assert line.endswith(f"next: `tactibench board add {made.name}`")
-    assert "rank 1 of 9 by GOSPA (p = 1), nothing above" in placed(
-        made, Placement(ranking, 1, 9, None)
+    assert "rank 1 of 9 by GOSPA, nothing above" in placed(
+        made, Placement(ranking, RankInterval(1, 1), 9, None)
     )
-    assert "no rank yet, which takes 3 seeds and 20 presses, above it cnn" in placed(
-        made, Placement(ranking, None, 9, above)
+    assert (
+        "no rank yet, which takes 3 seeds (--seeds 0,1,2) and 20 presses, above it cnn"
+        in placed(made, Placement(ranking, None, 9, above))
     )
 
 
@@ -191,9 +189,34 @@ def test_what_is_next_can_be_pasted(
     hint: str,
 ) -> None:
     made = fabricate(limits={"presses": presses})
-    place = Placement(ranking_error("exp1"), 1, 9, None, committed=True) if committed else None
-    line = placed(made, place, Path(store) / made.name, Path(board))
+    if committed:
+        row = Path(board) / "submissions" / "exp1" / f"{made.name}.json"
+        row.parent.mkdir(parents=True, exist_ok=True)
+        row.write_text(text_of(compact(made)))
+    line = placed(made, None, Path(store) / made.name, Path(board))
     assert line.endswith(hint.replace("NAME", made.name))
+
+
+def test_rows_of_another_sensor_are_named(fabricate: Callable[..., Record]) -> None:
+    made, other = fabricate(), fabricate(sensor={"instance": 1})
+    place = BOARD / "submissions" / "exp1"
+    place.mkdir(parents=True)
+    (place / f"{other.name}.json").write_text(text_of(compact(other)))
+    assert (
+        "no board row to compare with; its rows are of other test frames: "
+        "Simulated sensor tactip-127, instance=1; next:" in placed(made, None)
+    )
+
+
+def test_rows_of_the_same_sensor_with_other_defaults_are_told(
+    fabricate: Callable[..., Record],
+) -> None:
+    made, old = fabricate(), fabricate()
+    old.sensor.parameters["tier"] = "static"
+    place = BOARD / "submissions" / "exp1"
+    place.mkdir(parents=True)
+    (place / f"{old.name}.json").write_text(text_of(compact(old)))
+    assert "frames: Simulated sensor tactip-127 with tier=static; next:" in placed(made, None)
 
 
 def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -> None:
@@ -249,10 +272,10 @@ def test_the_simulators_own_error(record: Any, errors: list[SimulatorError], lin
 def test_a_table_of_ones_own_protocol_heads_any_metric(
     record: Any, render: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    board = '[[run_tables]]\ntitle = "Own"\nmetrics = { gospa1_mm = 3 }\ngroups = ["all"]\n'
+    board = '[[run_tables]]\ntitle = "Own"\nmetrics = { gospa_depth_mm = 3 }\ngroups = ["all"]\n'
     (tmp_path / "lab" / "headed.board.toml").write_text(board, encoding="utf-8")
     (tmp_path / "lab" / "headed.toml").touch()
     monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path / "lab"))
     shown = record("exp1")
     shown.protocol.id = "headed"
-    assert "GOSPA, p = 1, mm" in render(shown)
+    assert "GOSPA, mm" in render(shown)

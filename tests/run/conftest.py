@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 from briefly import time_briefly
+from fake_distribution import fake_distribution
 from few_presses import few_presses
 
 from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
@@ -102,6 +104,14 @@ def host(tiny: Any) -> Any:
             EncoderSpec("clouds", encoder, "mixtures", kind="mixture"),
         ),
     )
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tiny model is installed, as far as other processes can tell."""
+    fake_distribution(tmp_path / "site", "tiny-tactile", tiny="tiny_tactile.hooks")
+    places = (Path(__file__).parent / "fake", tmp_path / "site")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(map(str, places)))
 
 
 @pytest.fixture

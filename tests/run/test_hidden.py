@@ -43,7 +43,7 @@ def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> H
 
 
 def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
-    run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
+    run: Callable[..., StoredRun], committed: HiddenSeed, installed: None
 ) -> None:
     public, secret = run("exp1"), run("exp1", test=HIDDEN)
     one, other = (done.record.identity for done in (public, secret))
@@ -58,20 +58,45 @@ def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
     assert "-on-hidden-" in secret.record.name
 
 
-def test_the_seed_is_nowhere_on_the_disk(
-    run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
+def test_neither_the_seed_nor_a_number_of_a_sensor_is_on_the_disk(
+    run: Callable[..., StoredRun],
+    mini: Callable[[str], str],
+    committed: HiddenSeed,
+    installed: None,
+    tmp_path: Path,
 ) -> None:
-    run("exp1", test=HIDDEN)
+    run("exp1", sensor="several")
+    run("exp1", test=HIDDEN, sensor="several")
     number = committed.data_seed
-    clear = [text.encode() for text in (SECRET, f"{number}", f"{number:x}")]
+    (unseen,) = committed.redraw(load_protocol(mini("exp1")).spec).test.apart
+    numbers = [number, *unseen.instances]
+    clear = [text.encode() for text in (SECRET, f"{number:x}", *map(str, numbers))]
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert len(files) > 10
     for path in files:
         content = path.read_bytes()
         assert not any(text in content or text in path.name.encode() for text in clear), path
     manifests = [path.read_text() for path in tmp_path.rglob("manifest.json")]
-    assert sum('"seed": "hidden"' in text for text in manifests) == 1
+    assert not any('"seed": "hidden"' in text for text in manifests)  # nor are the presses
     assert SECRET not in repr(committed)
+
+
+def test_hidden_sensors_are_others_in_groups_of_the_same_names(
+    run: Callable[..., StoredRun],
+    mini: Callable[[str], str],
+    committed: HiddenSeed,
+    installed: None,
+) -> None:
+    public, secret = (run("exp1", sensor="several", test=t) for t in (TestOptions(), HIDDEN))
+    assert {row.group for row in public.record.metrics} == {
+        row.group for row in secret.record.metrics
+    }
+    spec = load_protocol(mini("exp1")).spec
+    (hidden,), (shown,) = committed.redraw(spec).test.apart, spec.test.apart
+    assert len(set(hidden.instances) - set(shown.instances)) == len(shown.instances) == 8
+    assert all(10**6 <= number < 10**9 for number in hidden.instances)
+    other = HiddenSeed(committed.question, "another secret of thirty-two letters")
+    assert not set(other.redraw(spec).test.apart[0].instances) & set(hidden.instances)
 
 
 def test_seeds_of_protocols_and_versions_differ() -> None:

@@ -72,7 +72,7 @@ def published(monkeypatch, one):
     """One table with the small file, in place of the shipped ones."""
     row = SimpleNamespace(protocol="surface", model="Net", released=one.file)
     table = SimpleNamespace(name="paper", rows=(row,))
-    monkeypatch.setattr(module, "load_published", lambda _names, _folder: [table])
+    monkeypatch.setattr(module, "load_published", lambda _names, _folder=None: [table])
     return load_protocol("surface")
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tactibench import UserError
+from tactibench import UserError, api
 from tactibench.board import (
     add,
     note_reproduction,
@@ -20,7 +23,7 @@ from tactibench.board import (
 )
 from tactibench.plugins import PluginHost
 from tactibench.records import StoredRun, parse_record
-from tactibench.run import NullReporter, TestOptions
+from tactibench.run import NullReporter, TestOptions, WorkerHost, execute
 
 COMMITTED = Path(__file__).parents[2] / "leaderboards" / "submissions"
 
@@ -48,11 +51,11 @@ def test_the_parameters_of_a_row_of_named_places_are_kept(plugins, tmp_path) -> 
     assert request.parameters["model"] == {"mixing": "False"}
 
 
-def test_a_run_is_made_again_and_noted(submitted, host, tiny) -> None:
+def test_a_run_is_made_again_and_noted(submitted, host, tiny, installed, tmp_path) -> None:
     path = submitted(presses=20, parameters={"sensor": {"offset": "2"}})
     trained = len(tiny.TinyModel.fits)
-    found = reproduce(path, host, NullReporter())
-    assert len(tiny.TinyModel.fits) == trained + 1
+    found = reproduce(path, host, NullReporter(), cache=tmp_path / "cache")
+    assert len(tiny.TinyModel.fits) == trained
     assert (found.reproduced, found.same_frames) == (True, True)
     assert all(row["within"] for row in reproduction_rows(found))
     before = read_submission(path)
@@ -63,27 +66,58 @@ def test_a_run_is_made_again_and_noted(submitted, host, tiny) -> None:
     assert note.by == "a lab"
 
 
-def test_weights_of_a_cache_are_used_where_one_is_named(submitted, host, tiny, tmp_path) -> None:
+def test_a_worker_answers_as_the_model_does_in_this_process(
+    run, submitted, host, installed, tmp_path
+) -> None:
     path = submitted()
-    trained = len(tiny.TinyModel.fits)
-    assert reproduce(path, host, NullReporter(), cache=tmp_path / "cache").reproduced
-    assert len(tiny.TinyModel.fits) == trained
+    found = reproduce(path, host, NullReporter(), cache=tmp_path / "cache")
+    assert found.again.identity.predictions_hash == found.record.identity.predictions_hash
+    assert found.again.metrics == found.record.metrics
 
 
-def test_a_better_error_than_that_of_the_run_is_not_reproduced(submitted, host) -> None:
+def test_a_better_error_than_that_of_the_run_is_not_reproduced(
+    submitted, host, installed, tmp_path
+) -> None:
     path = submitted()
     record = json.loads(path.read_text(encoding="utf-8"))
     del record["identity"]["sealed"]
-    (row,) = (r for r in record["metrics"] if (r["metric"], r["group"]) == ("gospa1_mm", "all"))
+    (row,) = (
+        r for r in record["metrics"] if (r["metric"], r["group"]) == ("gospa_depth_mm", "all")
+    )
     row |= {"value": row["value"] / 10, "low": row["low"] / 10, "high": row["high"] / 10}
     path.write_text(json.dumps(record), encoding="utf-8")
-    found = reproduce(path, host, NullReporter())
+    found = reproduce(path, host, NullReporter(), cache=tmp_path / "cache")
     outside = [one for one in found.metrics if not one.within]
-    assert [(one.stated.metric, one.decides) for one in outside] == [("gospa1_mm", True)]
+    assert [(one.stated.metric, one.decides) for one in outside] == [("gospa_depth_mm", True)]
     assert not found.reproduced
     with pytest.raises(UserError, match="was not reproduced"):
         note_reproduction(found, "a lab")
     assert read_submission(path).reproduced is None
+
+
+@pytest.mark.parametrize(
+    ("runner", "said"),
+    [
+        ("no-such-command", "cannot be started"),
+        (f"{sys.executable} -c 'print(1)'", "ended"),
+        (f"{sys.executable} -P -m tactibench.run.worker", ""),
+    ],
+)
+def test_a_runner_starts_the_worker(runner, said, submitted, host, installed, tmp_path) -> None:
+    path = submitted()
+    with pytest.raises(UserError, match=said) if said else nullcontext():
+        reproduce(path, host, NullReporter(), cache=tmp_path / "cache", runner=runner)
+
+
+@pytest.mark.long
+def test_the_command_trains_anew_and_compares(submitted, monkeypatch, tmp_path, run) -> None:
+    """With the plugins that ship: nothing is in a cache, the training is another process."""
+    plan = api.plan(os.environ["TACTIBENCH_PROTOCOLS"] + "/few-exp1.toml", "mean", store=tmp_path)
+    path = add(execute(plan, NullReporter()), tmp_path / "board")[0]
+    found = reproduce(path, WorkerHost(""), NullReporter())
+    assert found.reproduced
+    assert found.same_frames
+    assert found.again.metrics == found.record.metrics
 
 
 @pytest.mark.usefixtures("submitted")  # its protocol is found
@@ -131,9 +165,11 @@ def test_another_recording_than_that_of_the_record_is_refused(submitted, host) -
 
 @pytest.mark.parametrize("protocol", [p.name for p in sorted(COMMITTED.iterdir())])
 def test_every_committed_record_can_be_made_again(protocol, plugins, tmp_path) -> None:
-    """Its plugins are here and have exactly the parameters that it holds."""
+    """Plugins that ship are here and have exactly the parameters that it holds."""
     for path in (COMMITTED / protocol).glob("*.json"):
         record = read_submission(path)
+        if record.model.name not in plugins.models:  # of somebody else, who installs it
+            continue
         request = request_of_record(record, plugins, tmp_path)
         for kind in ("model", "sensor", "encoder"):
             part = getattr(record, kind)

@@ -11,11 +11,21 @@ from named_places import subsets, write_places
 from small_data_sets import draft, header
 
 from tactibench import UserError
+from tactibench.board import Source, make_truth
 from tactibench.datasets import Writer
 from tactibench.frames import FrameSet
 from tactibench.plugins import PluginHost
-from tactibench.records import Record
-from tactibench.run import NullReporter, RunPlan, RunRequest, execute, make_plan, rescore
+from tactibench.protocols import load_protocol
+from tactibench.records import Record, arrays_hash
+from tactibench.run import (
+    NullReporter,
+    RunPlan,
+    RunRequest,
+    TestOptions,
+    execute,
+    make_plan,
+    rescore,
+)
 
 TRIALS = 2 * (4 * 8 + 11 * 4)
 
@@ -119,12 +129,70 @@ def test_a_quick_run_and_a_shorter_one_are_possible(planned: Any) -> None:
     assert planned("mean", presses=10).frames.count("fit") == 10
 
 
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_places(tmp_path_factory.mktemp("other") / "next-day", repeats=2, noise=0.3)
+
+
+def test_another_recording_is_tested_by_what_this_one_taught(planned: Any, other: Path) -> None:
+    frames = planned("mean", test=TestOptions(data=other)).frames
+    (fit,), (test,) = frames.fit, frames.test
+    assert (counts(fit), counts(test)) == ({1}, {2, 3, 4})
+    assert (len(fit.names), len(test.names)) == (2 * 4 * 8, 2 * 11 * 2)
+    assert frames.test_identity not in (None, frames.sensor_identity)
+    folds = planned("mean", "all", test=TestOptions(data=other)).frames.folds
+    assert [fold.test[0].name for fold in folds] == ["recorded"] * 5 + ["session"]
+    for fold in folds[:5]:
+        fit, test = fold.fit[0], fold.test[0]
+        assert not {scene.sites for scene in fit.scenes} & {scene.sites for scene in test.scenes}
+    assert len(folds[5].fit[0].names) == TRIALS
+    assert sum(len(fold.test[0].names) for fold in folds[:5]) == len(folds[5].test[0].names)
+
+
+def test_a_run_on_another_recording_says_so_and_its_row_is_verified(
+    planned: Any, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time_briefly(monkeypatch.setattr)
+    run = execute(planned("kernel", test=TestOptions(data=other)), NullReporter())
+    assert run.record.metric("exact", "all").value > 0.6
+    assert run.record.test_sensor is not None
+    assert run.record.test_sensor.description.startswith("recording ")
+    assert rescore(run).metrics == run.record.metrics
+    source = Source(PluginHost(), tmp_path / "cache", other)
+    protocol = load_protocol("sites")
+    truth = make_truth(run.record, protocol, source, None)
+    assert arrays_hash(truth) == run.record.identity.stored["truth"]
+    # The tested folder is enough, also where it could not train.
+    several = write_places(tmp_path / "several", singles=0)
+    source = Source(PluginHost(), tmp_path / "cache", several)
+    assert arrays_hash(make_truth(run.record, protocol, source, None)) != arrays_hash(truth)
+
+
+@pytest.mark.parametrize(
+    ("case", "sentence"),
+    [
+        ("same", "is the recording that is trained on"),
+        ("places", "thumb, palm, wrist, knuckle.*import both with the same names"),
+        ("shots", "shows no labelled frames of another recording"),
+    ],
+)
+def test_another_recording_that_does_not_fit_is_one_sentence(
+    planned: Any, recording: Path, other: Path, tmp_path: Path, case: str, sentence: str
+) -> None:
+    folder = {"same": recording, "shots": other}.get(case, tmp_path / "glove")
+    if case == "places":
+        write_places(folder, places=("thumb", "palm", "wrist", "elbow"))
+    options = TestOptions(data=folder, shots=5 * (case == "shots"))
+    with pytest.raises(UserError, match=sentence):
+        planned("mean", test=options)
+
+
 @pytest.mark.parametrize(
     ("case", "sentence"),
     [
         ("unknown", "does not say which named places are touched"),
         ("half", r"row 1: thumb is 0.5, but a place is touched \(1\) or not \(0\)"),
-        ("pairs alone", "0 trials to train"),
+        ("pairs alone", "has no trials to train or it none to test"),
     ],
 )
 def test_what_does_not_fit_is_one_sentence(

@@ -39,6 +39,7 @@ from tactibench.run import (
     train_model,
     weights_file,
 )
+from tactibench.training import RefinedModel
 
 Entries = dict[str, bytes]
 DARK = np.zeros((64, 64), np.uint8)
@@ -92,6 +93,21 @@ def described(**changes: Any) -> Callable[[Entries], Entries]:
         return {**entries, "weights.json": json.dumps(kept).encode()}
 
     return change
+
+
+@pytest.mark.long
+def test_a_model_and_its_refinement_share_one_training(tmp_path: Path, frames: Any) -> None:
+    def planned(refine: str) -> RunPlan:
+        given = {"model": {"refine": refine}}
+        request = RunRequest("exp1", "kernel", parameters=given, presses=40, device="cpu")
+        return make_plan(request, PluginHost(), tmp_path)
+
+    refined, _ = train_model(planned("fields"), NullReporter())
+    plain, weights = train_model(planned("none"), NullReporter())
+    assert weights.reused
+    assert isinstance(refined, RefinedModel)
+    for one, other in zip(plain.predict(frames), refined.model.predict(frames), strict=True):
+        assert np.array_equal(one.xy, other.xy)  # type: ignore[union-attr]
 
 
 def test_equal_weights_are_equal_bytes_and_answer_alike(cache: Path, exported: Path) -> None:

@@ -40,11 +40,12 @@ SIDE = 48
 class FakeRobot:
     """Every move is done at once. fails: called at every move with its number, and may raise."""
 
-    turns, at_switches = True, False
+    turns, at_switches, proviso = True, False, ""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.work = matrix(settings.frames.work_frame)
+        self.from_base = inverse(self.work)
         self.at: Pose6 = pose_of(self.work @ matrix((0.0, 0.0, -40.0, 0.0, 0.0, 0.0)))
         self.moves: list[Pose6] = []
         self.normal, self.stopped, self.stops, self.closed = True, False, 0, False
@@ -54,7 +55,7 @@ class FakeRobot:
         self.stiffness: float | None = None
         self.capture: FakeCapture | None = None
 
-    def connect(self) -> None: ...
+    def connect(self, purpose: str = "move") -> None: ...
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
         self.moves.append(pose)
@@ -94,7 +95,7 @@ class FakeRobot:
 
     def tool(self) -> Pose6:
         """In the work frame."""
-        return pose_of(inverse(self.work) @ matrix(self.at))
+        return pose_of(self.from_base @ matrix(self.at))
 
 
 class Looking(FakeRobot):
@@ -167,7 +168,8 @@ class FakeCapture:
 def make_tables(**tables: dict[str, Any]) -> dict[str, Any]:
     """Return the tables of a UR with a fake camera; tables: changes."""
     configuration = tomllib.loads(EXAMPLE)
-    configuration["camera"] = {"source": "fake", "fps": 500.0, "warmup_frames": 3}
+    camera = {"source": "fake", "fps": 500.0, "warmup_frames": 3, "lag_s": 0.0}
+    configuration["camera"] = camera
     del configuration["sensor"]["pins"]
     configuration["timing"]["settle_s"] = 0.0
     for name, values in tables.items():

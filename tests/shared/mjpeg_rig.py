@@ -1,13 +1,13 @@
 """A setup whose camera is a real stream: an MJPEG server, and an arm for driver cri.
 
-The arm lives in the process under test. The server shows pins at rest, whatever the arm does, so
-presses must be too shallow to be seen.
+The arm lives in the process under test, and tells the server how deep it is.
 """
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -22,6 +22,8 @@ import numpy as np
 
 FPS = 30.0
 SIDE = 64
+PORT = "MJPEG_RIG_PORT"
+"""Variable of the environment: the port at which the server hears of the arm."""
 ROOT = Path(__file__).parents[2]
 
 
@@ -34,15 +36,22 @@ class Arm:
     def __init__(self) -> None:
         self.pose = (0.0, 0.0, -40.0, 0.0, 0.0, 0.0)
         self.linear_speed = 20.0
+        self._server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._server.connect(("127.0.0.1", int(os.environ[PORT])))
 
     def move_linear(self, pose: tuple[float, ...]) -> None:
         """Take as long as the way takes at the speed, at most half a second."""
-        distance = float(np.linalg.norm(np.subtract(pose[:3], self.pose[:3])))
-        time.sleep(min(0.5, distance / self.linear_speed))
-        self.pose = tuple(float(value) for value in pose)  # type: ignore[assignment]
+        start, distance = self.pose, float(np.linalg.norm(np.subtract(pose[:3], self.pose[:3])))
+        steps = 1 + int(100.0 * min(0.5, distance / self.linear_speed))
+        for step in range(1, steps + 1):
+            time.sleep(0.01)
+            share = step / steps
+            self.pose = tuple(a + share * (float(b) - a) for a, b in zip(start, pose, strict=True))  # type: ignore[assignment]
+            self._server.send(str(self.pose[2]).encode())
 
     def close(self) -> None:
-        """Do nothing."""
+        """Close the line to the server."""
+        self._server.close()
 
 
 class MjpegCamera:
@@ -50,23 +59,41 @@ class MjpegCamera:
 
     Attributes:
         cut: Set to end all streams and refuse new ones.
+        side: Of its frames, px.
+        fps: Frames a second.
+        lag_s: Time by which a frame comes late.
+        frozen: Whether it sends the same frame again and again.
     """
 
     def __init__(self) -> None:
-        self.cut = threading.Event()
+        self.cut, self.frozen = threading.Event(), threading.Event()
+        self.side, self.fps, self.lag_s = SIDE, FPS, 0.0
+        self._heights = [(0.0, -40.0)]
         rows, columns = np.indices((SIDE, SIDE))
         self._rest = 30.0 + 120.0 * ((rows % 8 < 3) & (columns % 8 < 3))
+        self._pattern = np.roll(self._rest, 1, axis=0) - self._rest
+        self._arm = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._arm.bind(("127.0.0.1", 0))
+        os.environ[PORT] = str(self._arm.getsockname()[1])
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
         self._server.daemon_threads = True
 
     def __enter__(self) -> Self:
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        threading.Thread(target=self._hear, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.cut.set()
         self._server.shutdown()
         self._server.server_close()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
+            last.sendto(b"", self._arm.getsockname())
+
+    def _hear(self) -> None:
+        with self._arm:
+            while data := self._arm.recv(64):
+                self._heights = [*self._heights[-400:], (time.monotonic(), float(data))]
 
     @property
     def url(self) -> str:
@@ -75,7 +102,11 @@ class MjpegCamera:
 
     def _jpeg(self, rng: np.random.Generator) -> bytes:
         noise = rng.normal(0.0, 1.5, self._rest.shape)
-        noisy = np.clip(self._rest + noise, 0, 255).astype(np.uint8)
+        then = time.monotonic() - self.lag_s
+        height = next((z for t, z in self._heights[::-1] if t <= then), -40.0)
+        image = self._rest + self._pattern * min(0.5, 0.1 * max(0.0, height))
+        noisy = np.clip(image + noise, 0, 255).astype(np.uint8)
+        noisy = cv2.resize(noisy, (self.side, self.side))
         return cv2.imencode(".jpg", noisy, [cv2.IMWRITE_JPEG_QUALITY, 98])[1].tobytes()
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
@@ -89,10 +120,12 @@ class MjpegCamera:
                 self.send_response(200)
                 self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
                 self.end_headers()
-                rng = np.random.default_rng(0)
+                rng, data, due = np.random.default_rng(0), b"", time.monotonic()
                 try:
-                    while not camera.cut.wait(1.0 / FPS):
-                        data = camera._jpeg(rng)
+                    while not camera.cut.wait(max(0.0, due - time.monotonic())):
+                        # A server that was starved goes on: a camera does not make up for it.
+                        due = max(due + 1.0 / camera.fps, time.monotonic())
+                        data = data if data and camera.frozen.is_set() else camera._jpeg(rng)
                         head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}"
                         self.wfile.write(head.encode() + b"\r\n\r\n" + data + b"\r\n")
                 except OSError:  # the reader went away

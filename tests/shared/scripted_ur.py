@@ -33,7 +33,9 @@ OUTPUTS: dict[str, tuple[str, Callable[[ScriptedUr], Any]]] = {
     "runtime_state": ("UINT32", lambda ur: 2 if ur.runs else 1),
     "robot_status_bits": ("UINT32", lambda ur: 1 | ur.runs << 1),
     "safety_status_bits": ("UINT32", lambda ur: SAFETY[ur.safety][1]),
-    "target_speed_fraction": ("DOUBLE", lambda ur: 1.0),
+    "target_speed_fraction": ("DOUBLE", lambda ur: ur.slider),
+    "payload": ("DOUBLE", lambda ur: 1.2),
+    "payload_cog": ("VECTOR3D", lambda ur: (0.0, -0.01, 0.045)),
     **{
         f"output_int_register_{k}": ("INT32", lambda ur, k=k: ur.out_int[k])  # type: ignore[misc]
         for k in range(3)
@@ -49,7 +51,7 @@ INPUTS = {
     **{f"input_double_register_{k}": "DOUBLE" for k in range(18)},
     "external_force_torque": "VECTOR6D",
 }
-FORMATS = {"UINT32": "I", "INT32": "i", "DOUBLE": "d", "VECTOR6D": "6d"}
+FORMATS = {"UINT32": "I", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d", "VECTOR6D": "6d"}
 
 
 class ScriptedUr:
@@ -59,16 +61,29 @@ class ScriptedUr:
         pose: Pose of the TCP, m and a rotation vector, rad.
         tcp: TCP of the pendant.
         safety: Safety status, a key of SAFETY.
-        runs: Whether the control program runs.
+        runs: Whether a program runs.
+        program: What the dashboard says of it.
+        slider: Share of the speed that the pendant allows.
+        stopped: Number of the stops that the dashboard was asked for.
+        turns: Number of turns of its loop in a move.
+        scripts: Number of the scripts that it was sent.
         frozen: Whether the stream stands still.
         commands: Numbers of the commands that were carried out.
         watchdog_hz: Rate of the watchdog that was set.
     """
 
     def __init__(
-        self, host: str, *, remote: bool = True, in_use: str = "", tcp_mm: float = 89.1
+        self,
+        host: str,
+        *,
+        remote: bool = True,
+        in_use: str = "",
+        tcp_mm: float = 89.1,
+        lacks: tuple[str, ...] = (),
     ) -> None:
-        self.host, self._remote, self._in_use = host, remote, in_use
+        self.host, self._remote, self._in_use, self._lacks = host, remote, in_use, lacks
+        self.turns = 10
+        self.program, self.slider, self.stopped, self.scripts = "STOPPED grip.urp", 1.0, 0, 0
         self.pose = [0.1, -0.5, 0.4, 2.2214, -2.2214, 0.0]
         self.tcp = [0.0, 0.0, 1e-3 * tcp_mm, 0.0, 0.0, 0.0]
         self.force = [0.0] * 6
@@ -96,6 +111,10 @@ class ScriptedUr:
             with suppress(OSError):
                 server.shutdown(socket.SHUT_RDWR)
             server.close()
+
+    def hang_up(self) -> None:
+        """Cut all connections and answer none."""
+        self._end.set()
 
     def stop_with(self, safety: str) -> None:
         """Stop protectively, or as the red button does."""
@@ -136,8 +155,10 @@ class ScriptedUr:
                 told = {
                     "safetystatus": f"Safetystatus: {self.safety}",
                     "robotmode": f"Robotmode: {'RUNNING' if self.mode == 7 else 'POWER_OFF'}",
+                    "programState": self.program,
                     "stop": "Stopped",
                 }
+                self.stopped += line == "stop"
                 self.runs = self.runs and line != "stop"
                 answer = {**answers, **told}.get(line, f'could not understand: "{line}"')
                 client.sendall(answer.encode() + b"\n")
@@ -147,7 +168,7 @@ class ScriptedUr:
         for data in self._received(client, 0.05):
             text += data.decode("latin-1")
             if re.search(r"(?m)^end[ \t]*\r?\n", text):
-                text = ""
+                text, self.scripts = "", self.scripts + 1
                 self.runs, self._executing, self.out_int = self.safety == "NORMAL", False, [1, 0, 0]
 
     def _rtde(self, client: socket.socket) -> None:
@@ -161,7 +182,10 @@ class ScriptedUr:
                 reply = {"V": b"\x01", "S": b"\x01", "v": struct.pack(">4I", 5, 12, 2, 0)}.get(kind)
                 if kind == "O":
                     outputs = _names(payload[8:])
-                    reply = b"\x01" + ",".join(OUTPUTS[name][0] for name in outputs).encode()
+                    types = [
+                        "NOT_FOUND" if name in self._lacks else OUTPUTS[name][0] for name in outputs
+                    ]
+                    reply = b"\x01" + ",".join(types).encode()
                 elif kind == "I":
                     inputs.append(_names(payload))
                     types = ["IN_USE" if n == self._in_use else INPUTS[n] for n in inputs[-1]]
@@ -179,7 +203,7 @@ class ScriptedUr:
                     kind, get = OUTPUTS[name]
                     value = get(self)
                     code = f">{FORMATS[kind]}"
-                    values += struct.pack(code, *(value if kind == "VECTOR6D" else (value,)))
+                    values += struct.pack(code, *(value if "VECTOR" in kind else (value,)))
                 client.sendall(_package("U", values))
 
     def _write(self, names: tuple[str, ...], payload: bytes) -> None:
@@ -211,7 +235,7 @@ class ScriptedUr:
         self.commands.append(command)
         reals = [self._inputs.get(f"input_double_register_{k}", 0.0) for k in range(6)]
         if command in (MOVE_L, STOP_L):
-            self._target, self._left = (reals if command == MOVE_L else self.pose), 10
+            self._target, self._left = (reals if command == MOVE_L else self.pose), self.turns
             self.out_int[2] = len(self.commands) % 128 << 24 | 1 << 15
         elif command == SET_TCP:
             self.tcp = reals

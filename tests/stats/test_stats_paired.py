@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench.stats import grouped, holm, sign_flip_ps
+from tactibench.stats import holm, sign_flip_ps
 
 
 def p_of(differences, **options):
@@ -64,10 +64,3 @@ def test_a_press_without_a_difference_changes_no_p():
     found = sign_flip_ps(padded, rng=np.random.default_rng(1), permutations=20_000)[0]
     alone = p_of(d, rng=np.random.default_rng(2), permutations=20_000)
     assert found == pytest.approx(alone, abs=0.012)
-
-
-def test_groups_need_not_be_neighbours():
-    worse = {0: {1}, 1: {3}}
-    found = grouped([0, 1, 2, 3], lambda best, others: worse[best] & set(others))
-    assert found == {0: 1, 2: 1, 3: 1, 1: 4}
-    assert grouped([], lambda *_: set()) == {}

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from tactibench import Frame, PlatePose, Pose, UserError
-from tactibench_superpose import ErrorCauses, Spread, nominal_spread
+from tactibench.frames.faults import move
+from tactibench.superposition import ErrorCauses, Spread, nominal_spread
 
 
 def matched(found, truth):
@@ -57,6 +58,15 @@ def test_two_far_apart_are_found_as_two(duals_found, presses):
     assert np.abs(error).max() < 0.5
     assert (np.abs(error) < 1.96 * std).mean() > 0.9
     assert np.sqrt(((error / std) ** 2).mean()) < 1.2
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.9, 2.2, 3.7, 5.1])
+def test_a_camera_that_moved_half_a_spacing_shows_no_contact(fitted, presses, turn):
+    frame = presses["rest"][0][0]
+    moved = move(frame.image, 4.2 * np.cos(turn), 4.2 * np.sin(turn))
+    assert [
+        len(answer) for answer in fitted[0].predict([Frame(moved, 0.0, Pose(), frame.rest_image)])
+    ] == [0]
 
 
 def test_pins_that_crowd_are_followed_again(fitted, presses):

@@ -180,4 +180,4 @@ def test_the_cost_counts_numbers_in_units_of_the_misfit(misfitting):
     noise = misfit / 122
     size, *motion = found.nuisances[0] ** 2
     expected = misfit + (20 * noise - 19) * size + noise * sum(motion)
-    assert cost_of(found, weight, 1) == pytest.approx(expected)
+    assert cost_of(found, weight, np.array([20.0, 1.0, 1.0])) == pytest.approx(expected)

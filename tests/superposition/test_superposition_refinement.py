@@ -113,8 +113,7 @@ def fitted(model, frames, truth, count=60):
 
 def test_a_refined_model_is_the_model_and_the_fit(singles, presses, tmp_path):
     alone, _ = fitted(kernel(), *singles)
-    model, report = fitted(kernel(refine="fields"), *singles)
-    assert report.prior == "nominal mechanics"
+    model, _ = fitted(kernel(refine="fields"), *singles)
     assert [name for name, _ in model.stages()] == ["preprocess", "forward", "decode", "refine"]
     # Sixty presses are few: what the model has within the reach is refined, the rest is dropped.
     near = error(alone.predict(presses[0]), presses[1]) < 1.0

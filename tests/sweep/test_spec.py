@@ -112,7 +112,7 @@ def test_a_file_of_several_sweeps_asks_for_every_run_once(
         model = ["nearest", "mean"]
 
         [[sweep]]
-        protocol = ["exp1", "exp1@2"]
+        protocol = ["exp1", "exp1@3"]
         model = "nearest"
         seed = [0, 1]
     """
@@ -124,8 +124,8 @@ def test_a_file_of_several_sweeps_asks_for_every_run_once(
         ("exp1", "nearest", 0),
         ("exp1", "mean", 0),
         ("exp1", "nearest", 1),
-        ("exp1@2", "nearest", 0),
-        ("exp1@2", "nearest", 1),
+        ("exp1@3", "nearest", 0),
+        ("exp1@3", "nearest", 1),
     ]
 
 

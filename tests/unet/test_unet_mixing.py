@@ -51,14 +51,12 @@ def test_the_default_mixes_half_as_many_frames_as_it_has_presses(make_model, mix
     assert misfit > 0
     assert report.notes["mixed"] == 6
     assert report.notes["mixing"] == 0.5
-    assert report.prior == "nominal mechanics"
 
 
 def test_frames_that_cannot_be_mixed_are_learned_as_they_are(make_model):
     """They carry no rest image; whoever asks for mixing is told so."""
     report = fit(make(make_model), count=24)
     assert "rest image" in report.notes["not_mixed"]
-    assert report.prior == "none"
     with pytest.raises(UserError, match="rest image"):
         fit(make(make_model, mixing=1.0), count=24)
 

@@ -71,6 +71,7 @@ def calibrate(radius: float, depth: float, points: int, **device: Any) -> None:
             result = measure_place(station, radius, depth, points, advance)
             settled_s = measure_settling(station, depth, HOLD_S)
             advance(1)
+    click.echo(station.place, err=True)
     x, y, yaw = result.sensor
     click.echo(f"sensor = [{x:.3f}, {y:.3f}, {yaw:.2f}]    # in [frames]")
     click.echo(
@@ -135,7 +136,7 @@ def measure_place(
         tool = station.geometry.tool_pose(place)
         places.append(tool[:2])
         heights.append(tool[2])
-        result = station.press(scene)
+        result = station.press_well(scene)
         seen.append(middle_of(result.check.image, station.rest_reference().mean))
         advance(1)
     reach = station.settings.sensor.dome_radius_mm + indenter.radius
@@ -228,7 +229,7 @@ def measure_settling(station: Station, depth: float, seconds: float) -> float:
     path, rest = station.path(scene), station.rest_reference()
     frames: list[CameraFrame] = []
     with station.at(scene):
-        since_ns = began_ns = station.do(lambda m: station.down(m, path))
+        since_ns = began_ns = station.do(lambda m: station.down(m, path)).ended_ns
         while len(frames) <= MEAN_OF or time.monotonic_ns() < began_ns + 1e9 * seconds:
             frames += station.camera.fresh(since_ns)
             since_ns = frames[-1].t_ns + 1

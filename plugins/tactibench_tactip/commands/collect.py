@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +33,7 @@ from tactibench_tactip.plan import (
     is_mounted,
     plan_of,
 )
-from tactibench_tactip.robots import make_robot
+from tactibench_tactip.robots import StopNowError, make_robot
 from tactibench_tactip.settings import read_settings
 
 INTERRUPTED = 130
@@ -64,11 +66,7 @@ def plan_options(verb: Verb) -> Verb:
 @click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
 @config_option
 @plan_options
-def plan(
-    presses: str,
-    config: Path,
-    **choice: Any,
-) -> None:
+def plan(presses: str, config: Path, **choice: Any) -> None:
     """Check the presses that a protocol needs against the configuration, without any device.
 
     Every pose of every press must lie in the envelope. Shows what has to be mounted for how many
@@ -114,14 +112,7 @@ def plan(
     help="Make all moves so high above the sensor, and keep nothing.",
 )
 def collect(
-    presses: str,
-    out: Path,
-    draws: tuple[str, ...],
-    count: int | None,
-    seed: int | None,
-    speed_scale: float,
-    dry_run_height: float | None,
-    **device: Any,
+    presses: str, out: Path, speed_scale: float, dry_run_height: float | None, **options: Any
 ) -> int:
     """Press what a protocol trains, validates and tests on, and keep the frames as a data set.
 
@@ -134,12 +125,12 @@ def collect(
     tactibench hw collect exp1 --config lab.toml --out data/exp1 --draw singles
     tactibench run exp1 --sensor recorded --data data/exp1 --model unet
     """
-    with open_devices(**device) as settings:
-        plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
+    with open_devices(options.pop("config"), options.pop("emulate")) as settings:
+        plan = plan_of(presses, settings, **options)
         slow = settings.with_speed_scale(speed_scale)
         if dry_run_height is not None:
             with progress_bar("dry run", len(plan)) as advance:
-                total = dry_run(slow, plan.presses, dry_run_height, advance)
+                total = dry_run(slow, plan.presses, dry_run_height, callbacks_of(advance))
             left = len(plan) - total
             click.echo(
                 f"{total:,} presses were moved through {dry_run_height:g} mm above the sensor; "
@@ -151,11 +142,15 @@ def collect(
             line = f"{len(plan):,} presses of {presses}, about {time} of a robot's time"
             click.echo(line, err=True)
         with progress_bar("press", len(plan)) as advance:
-            callbacks = Callbacks(lambda text: click.echo(text, err=True), advance, mount=_mount)
             report = collect_presses(
-                settings, plan, out, callbacks=callbacks, speed_scale=speed_scale
+                settings, plan, out, callbacks=callbacks_of(advance), speed_scale=speed_scale
             )
     return _print_report(report, out)
+
+
+def callbacks_of(advance: Callable[[int], None]) -> Callbacks:
+    """Return the functions by which a session talks to the person at a terminal."""
+    return Callbacks(lambda text: click.echo(text, err=True), advance, _mount)
 
 
 def _mount(indenter: Indenter, count: int) -> bool:
@@ -163,7 +158,13 @@ def _mount(indenter: Indenter, count: int) -> bool:
         return False
     needed = describe_indenter(indenter)
     click.echo(f"\n{count:,} presses need {needed}. The tool stands high.", err=True)
-    return click.confirm("Is it mounted, and is the way clear", default=False, err=True)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # nothing moves meanwhile
+    try:
+        return click.confirm("Is it mounted, and is the way clear", default=False, err=True)
+    except click.Abort:  # Ctrl-C, or the end of the input
+        raise StopNowError from None
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _print_report(report: SessionReport, out: Path) -> int:

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import click
 
-from tactibench import UserError
+from tactibench import Pose, Scene, UserError
 from tactibench_tactip.camera import Reference
 from tactibench_tactip.collection import warm_up
 from tactibench_tactip.commands.output import device_options, number_option, open_devices
 from tactibench_tactip.geometry import envelope_violation, geometry_of
-from tactibench_tactip.motion import SLACK_MM, Mover, RobotThread
-from tactibench_tactip.robots import NotHomedError, Robot, make_robot
+from tactibench_tactip.motion import SLACK_MM, RobotThread
+from tactibench_tactip.robots import PositionUnknownError, Purpose, make_robot
 from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.station import describe_place
 
 FAILED = 1
-LOOK_S, MOVE_S = 10.0, 120.0
+Vector = tuple[float, float, float]
 Row = tuple[str, str, str]
 """Mark, part of the setup, finding."""
 
@@ -74,41 +75,33 @@ def _look_at_camera(settings: Settings) -> Iterator[tuple[str, str]]:
         automatic = f"automatic {actual.auto_exposure:g}, gain {actual.gain:g}"
         yield "exposure", f"{actual.exposure:g}, {automatic}"
         warm_up(camera, settings)
-        # Not before: the first frames of a stream wait in its buffer and come all at once.
-        timed = camera.fresh(time.monotonic_ns(), 30)
-        seconds = (timed[-1].t_ns - timed[0].t_ns) / 1e9
-        yield "frames", f"{(len(timed) - 1) / seconds:.1f} a second"
+        yield "frames", f"{camera.check_rate():.1f} a second"
         rest = Reference.of(frames)
         yield "brightness", f"{rest.brightness:.1f} grey levels, steady; noise {rest.between:.2f}"
         rest.check_pins(settings.sensor)
-        uncounted = "" if settings.sensor.pins else ", which are not counted: set sensor.pins"
+        counted = settings.sensor.pins or settings.simulated
+        uncounted = "" if counted else ", which are not counted: set sensor.pins"
         yield "pins", f"{rest.pins}{uncounted}"
 
 
 def _look_at_robot(settings: Settings) -> Iterator[tuple[str, str]]:
-    still = settings.with_changes(robot={"home": False})  # connecting must not move it
-    robot = make_robot(still)
-    with ExitStack() as stack:
+    robot = make_robot(settings)
+    with RobotThread(robot, settings, "look") as thread:
+        yield "robot", ", ".join(f"{key} {value}" for key, value in robot.describe().items())
         try:
-            thread = stack.enter_context(RobotThread(robot, still))
-        except NotHomedError:
-            if not settings.robot.home:
+            state = thread.do(lambda _: thread.robot.state())
+        except PositionUnknownError:
+            if not settings.robot.homes:
                 raise
-            yield "robot", _describe(robot)
             yield "homed", "not yet; each command that moves it homes it first (robot.home = true)"
             return
-        yield "robot", _describe(robot)
-        state = thread.do(lambda mover: mover.state(), LOOK_S)
         if not state.normal:
             raise UserError(f"{state.description}; clear that first.")
         force = "not measured" if state.force_n is None else "measured"
         yield "state", f"{state.description}; force {force}"
-        x, y, z, *_ = thread.do(lambda mover: mover.check_inside(), LOOK_S)
-        yield "tool", f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm of the work frame, inside the envelope"
-
-
-def _describe(robot: Robot) -> str:
-    return ", ".join(f"{key} {value}" for key, value in robot.describe().items())
+        x, y, z, *_ = thread.do(lambda mover: mover.check_inside())
+        place = f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm of the work frame, inside the envelope"
+        yield "tool", place + robot.proviso
 
 
 @click.command("jog")
@@ -122,64 +115,68 @@ def _describe(robot: Robot) -> str:
 )
 @click.option("--to", "target", nargs=3, type=float, metavar="X Y Z", help="Move there.")
 @number_option("--speed", click.FloatRange(0.1, 20), 5.0, "mm/s.")
-@click.option("--home", is_flag=True, help="Drive a stage to its switches, and nothing else.")
+@click.option(
+    "--home",
+    is_flag=True,
+    help="Drive a stage to its switches; where it has none, say that its position is right.",
+)
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def jog(
-    by: tuple[float, float, float] | None,
-    target: tuple[float, float, float] | None,
-    speed: float,
-    home: bool,
-    yes: bool,
-    **device: Any,
+    by: Vector | None, target: Vector | None, speed: float, home: bool, yes: bool, **device: Any
 ) -> None:
     """Move the tool straight, inside the envelope, and say where it is.
 
-    Without --by, --to and --home nothing moves. A tool outside the envelope may be moved into it.
-    Sideways it moves only at clearance above the sensor. A robot that measures force stops at
-    envelope.max_force_n. With robot.home = true a stage that is not homed is homed before it moves.
+    Without --by, --to and --home nothing moves, and a robot is read only. A tool outside the
+    envelope may be moved into it. Sideways it moves only at clearance above the sensor. A robot
+    that measures force stops at envelope.max_force_n, but never on its way up. With robot.home =
+    true a stage whose position is not known is homed before it moves.
     """
     if by is not None and target is not None:
         raise UserError("give --by or --to, not both.")
     with open_devices(**device) as settings:
         if home and settings.robot.driver != "grbl":
             raise UserError("--home is for a stage; a UR knows where it is.")
-        moves = by is not None or target is not None
-        # Connecting alone homes a stage: where nothing is to move, that must not happen either.
-        homes = home or (moves and settings.robot.home)
-        settings = settings.with_changes(robot={"home": homes})
-        if (moves or home) and not yes and not settings.simulated:
-            if settings.robot.homes:
-                click.echo("A stage that is not homed drives to its switches first.", err=True)
-            click.confirm("Is the way clear, and the emergency stop in reach", abort=True, err=True)
-        robot = make_robot(settings)
-        with RobotThread(robot, settings) as thread:
-            start = thread.do(lambda mover: mover.pose(), LOOK_S)
-            _print_pose(start)
-            if not moves:
-                return
-            x, y, z = target or tuple(a + b for a, b in zip(start[:3], by or (), strict=True))
-            end: Pose6 = (x, y, z, *start[3:])
-            check_way(start, end, settings)
-
-            def go(mover: Mover) -> Pose6:
-                mover.go(end, speed, mover.force_guard())
-                return mover.pose()
-
-            _print_pose(thread.do(go, MOVE_S))
+        purpose: Purpose = "home" if home else "look" if by is target else "move"
+        if purpose != "look" and not yes and not settings.simulated:
+            if home or settings.robot.homes:
+                click.echo(
+                    "A stage that is not known to be homed drives to its switches first.", err=True
+                )
+            sure = False
+            with suppress(click.Abort):  # nobody can answer
+                sure = click.confirm("Is the way clear, and the emergency stop in reach", err=True)
+            if not sure:
+                raise UserError(
+                    "nobody said that the way is clear, so nothing was moved; answer y, or say "
+                    "--yes where nobody can."
+                )
+        with RobotThread(make_robot(settings), settings, purpose) as thread:
+            start = thread.do(lambda mover: mover.pose())
+            try:
+                if by is None and target is None:
+                    return
+                x, y, z = target or tuple(a + b for a, b in zip(start[:3], by or (), strict=True))
+                end: Pose6 = (x, y, z, *start[3:])
+                check_way(start, end, settings)
+                thread.do(lambda mover: mover.go_in_touch(end, speed, mover.force_guard()))
+            finally:
+                scene, geometry = Scene(settings.indenter.indenter(), Pose()), geometry_of(settings)
+                slack = settings.contact.travel_mm
+                click.echo(describe_place(thread, geometry, scene, slack))
 
 
 def check_way(here: Pose6, there: Pose6, settings: Settings) -> None:
     """Raise UserError where a straight move must not be made; nothing has moved then.
 
     The envelope is a box: where both ends lie inside, the whole way does. From outside it a move
-    may come in straight up or down, or at clearance, where nothing is in the way.
+    may lead towards it, straight up or down, or at clearance, where nothing is in the way.
 
     Args:
         here: Present pose of the tool in the work frame.
         there: Pose to move to.
         settings: Configuration of the setup.
     """
-    violation = envelope_violation(settings.envelope, there)
+    violation = envelope_violation(settings.envelope, there, here)
     if violation:
         raise UserError(f"the tool would be at {violation}; nothing was moved.")
     sideways = max(abs(a - b) for a, b in zip(here[:2], there[:2], strict=True))
@@ -190,11 +187,3 @@ def check_way(here: Pose6, there: Pose6, settings: Settings) -> None:
             f"move it straight up to z {high:.1f} mm first (--by 0 0 -N), then sideways, then "
             "down. Nothing was moved."
         )
-
-
-def _print_pose(pose: Pose6) -> None:
-    x, y, z, a, b, c = pose
-    click.echo(
-        f"tool at x {x:.3f}, y {y:.3f}, z {z:.3f} mm, turned by {a:.2f}, {b:.2f}, {c:.2f} deg, in "
-        "the work frame"
-    )

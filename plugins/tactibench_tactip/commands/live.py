@@ -13,14 +13,7 @@ import numpy as np
 
 from tactibench import Frame, Pose
 from tactibench.lab import trained_model
-from tactibench.live import (
-    AnswerView,
-    FrameView,
-    PinLines,
-    WatchPage,
-    ask,
-    describe_prediction,
-)
+from tactibench.live import AnswerView, FrameView, PinLines, WatchPage, ask, describe_prediction
 from tactibench_tactip.camera import Reference
 from tactibench_tactip.commands.output import (
     device_options,

@@ -53,8 +53,13 @@
     label.append("Sort by ", select);
     table.before(label);
     const ranked = [...table.tBodies[0].rows];
+    const restore = () => {
+      table.tBodies[0].append(...ranked);
+      all("th", table.tHead).forEach((head) => head.removeAttribute("aria-sort"));
+      say("as ranked");
+    };
     select.addEventListener("change", () => {
-      if (select.value === "") table.tBodies[0].append(...ranked);
+      if (select.value === "") restore();
       else sort(table, Number(select.value), heads[select.value], true);
     });
     heads.forEach((head, column) => {
@@ -63,11 +68,19 @@
       button.append(...head.childNodes);
       if (head.title) button.setAttribute("aria-label", head.title);
       head.append(button);
-      button.addEventListener("click", () => sort(table, column, head));
+      button.addEventListener("click", () => {
+        if (head.getAttribute("aria-sort") === "descending") restore(); // the third click
+        else sort(table, column, head);
+      });
     });
   });
   all("input[data-filter]").forEach((input) => {
     const chapter = byId(input.dataset.filter);
+    const none = document.createElement("p");
+    none.className = "note";
+    none.textContent = "No row holds all of these words.";
+    none.hidden = true;
+    input.closest("header").after(none);
     input.addEventListener("input", () => {
       const words = input.value.toLowerCase().split(/[\s,]+/).filter(Boolean);
       let shown = 0;
@@ -76,6 +89,7 @@
         row.hidden = !words.every((word) => text.includes(word));
         shown += !row.hidden;
       }));
+      none.hidden = shown > 0;
       say(`${shown} rows shown`);
     });
   });

@@ -148,14 +148,14 @@ def test_a_damaged_description_is_left_out_where_labels_do_not_need_it(first, da
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"indenter": "plate", "depth": "pose_9"}, ["pose_9", "its columns are"]),
-        ({"indenter": "plate", "depth": "pose_2,pose_1"}, ["no column pose_2,pose_1"]),
-        ({"indenter": "plate", "depth": "nan"}, ["no column nan"]),
-        ({"indenter": "plate", "tilt": "5"}, ["no column 5"]),
+        ({"indenter": "plate", "depth": "pose_9"}, ["pose_9", "did you mean"]),
+        ({"indenter": "plate", "depth": "pose_2,pose_1"}, ["no column 'pose_2,pose_1'"]),
+        ({"indenter": "plate", "depth": "nan"}, ["no column 'nan'"]),
+        ({"indenter": "plate", "tilt": "5"}, ["no column '5'"]),
         ({"indenter": "single", "x": "pose_1,pose_2"}, ["one column each", "2 for x"]),
         ({"indenter": "plate", "depth": "pose_1"}, ["pose_1 has the same value", "pose_2 changes"]),
-        ({"press": "tap"}, ["no column tap"]),
-        ({"labels": "wrong"}, ["no column wrong"]),
+        ({"press": "tap"}, ["no column 'tap'"]),
+        ({"labels": "wrong"}, ["no column 'wrong'"]),
     ],
 )
 def test_columns_that_are_not_there(first, unimported, options, words):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +92,20 @@ RAW = {
     "pins as bright as the surround": {"ground": 130.0, "pin": 200.0},
     "dark pins on bright": {"ground": 165.0, "pin": 110.0, "lamps": 4},
 }
+SMALL, LARGE = (3, 13, 8), (6, 24, 6)
+"""Radius and pitch of discs, px, and their rings."""
 
 
-@pytest.mark.parametrize(("radius", "pitch", "rings"), [(3, 13, 8), (6, 24, 6)])
-@pytest.mark.parametrize("look", RAW.values(), ids=RAW)
+@pytest.mark.parametrize(
+    ("look", "radius", "pitch", "rings"),
+    [
+        *((look, *size) for look, size in zip(RAW.values(), cycle([SMALL, LARGE]))),
+        *(
+            pytest.param(look, *size, marks=pytest.mark.long)
+            for look, size in zip(RAW.values(), cycle([LARGE, SMALL]))
+        ),
+    ],
+)
 def test_pins_of_raw_pictures_are_found_in_even_light(
     look: dict[str, Any], radius: float, pitch: float, rings: int
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,54 +10,19 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from messy_labs import ROWS, SIZE, Lab, Skin, hovering, imported
 from scipy.io import savemat
 
-from tactibench import UserError
+from tactibench import Indenter, Scene, UserError
 from tactibench.datasets import (
     guess_mapping,
     open_recording,
+    own_workspace,
     read_mapping,
     read_options,
     write_mapping,
 )
 from tactibench.png import encode_png
-
-ROWS = 40
-SIZE = 24
-
-
-def press_image(x: float, y: float, depth: float, reach: float) -> np.ndarray:
-    """A bright bump at the place of the press, the larger the deeper."""
-    grid = np.arange(SIZE)
-    at = [SIZE * (0.5 + 0.35 * v / reach) for v in (x, y)]
-    apart = (grid[None] - at[0]) ** 2 + (grid[:, None] - at[1]) ** 2
-    return np.asarray(20 + 50 * depth * np.exp(-apart / 40), dtype=np.uint8)
-
-
-class Lab:
-    """Random presses with their frames, and tables of them."""
-
-    def __init__(self, folder: Path, rows: int = ROWS) -> None:
-        rng = np.random.default_rng(4)
-        self.folder = folder
-        self.x, self.y = rng.uniform(-6, 6, (2, rows)).round(3)
-        self.depth = rng.uniform(0.2, 3, rows).round(3)
-        self.rng, self.rows = rng, rows
-        folder.mkdir(parents=True)
-        self.draw(folder)
-
-    def draw(self, folder: Path, suffix: str = ".png", names: Sequence[int] | None = None) -> None:
-        folder.mkdir(exist_ok=True)
-        for row in range(self.rows) if names is None else names:
-            image = press_image(self.x[row], self.y[row], self.depth[row], 6)
-            assert cv2.imwrite(str(folder / f"f{row}{suffix}"), image)
-
-    def table(self, columns: dict[str, Any], separator: str = ",", name: str = "log.csv") -> Path:
-        columns = {"file": [f"f{row}.png" for row in range(self.rows)]} | columns
-        cells = [[str(cell) for cell in values] for values in columns.values()]
-        lines = [separator.join(row) for row in [[*columns], *zip(*cells, strict=True)]]
-        (self.folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        return self.folder
 
 
 @pytest.fixture
@@ -176,19 +142,137 @@ def test_the_sign_of_a_height_follows_from_the_signal(lab: Lab) -> None:
     height = {"x": lab.x, "y": lab.y, "z": 150 - lab.depth}
     guess = guess_mapping(lab.table(height))
     assert guess.options["depth"] == "-z"
-    assert "rank correlation" in guess.remarks["depth"]
+    assert "correlation -0.9" in guess.remarks["depth"]
     height["z"] = noise(lab, 148, 150)
     guess = guess_mapping(lab.table(height))
     assert "depth" not in guess.options
-    assert "depth=z or depth=-z" in guess.unused["z"]
+    assert '# \'z\' may be the depth; write depth = "z" or depth = "-z"' in guess.text()
     height["z"] = np.full(lab.rows, 150.0)
     assert "no depth" in guess_mapping(lab.table(height)).unused["z"]
     hover = {"x": lab.x, "y": lab.y, "depth": lab.depth - 0.5}
     assert "offset_mm" not in guess_mapping(lab.table(hover)).options
 
 
+def test_rows_that_hover_do_not_move_the_depths_of_others(tmp_path: Path) -> None:
+    lab = hovering(tmp_path / "lab")
+    columns = {"x": lab.x + 80, "y": lab.y, "z": 152.3 - lab.depth}
+    guess, poses = imported(lab, columns, tmp_path)
+    assert guess.options["depth"] == "-z"
+    assert float(guess.options["offset_mm"]) == pytest.approx(152.3, abs=0.3)
+    assert "first touch" in guess.remarks["offset_mm"]
+    touching = lab.depth > 0.5
+    depth = np.array([pose.depth for pose in poses])
+    assert (depth[lab.depth < 0] <= 0).all()
+    assert np.ptp((depth - lab.depth)[touching]) < 1e-6
+
+
+def test_most_rows_may_hover_and_a_parking_place_is_no_part_of_the_sensor(tmp_path: Path) -> None:
+    lab = hovering(tmp_path / "lab", 0.7)
+    x, depth = lab.x.copy(), lab.depth.copy()
+    x[::10], depth[::10] = 180.0, -60.0
+    guess, poses = imported(lab, {"x": x, "y": lab.y, "depth": depth}, tmp_path)
+    assert guess.options["depth"] == "depth"  # although most are negative
+    assert not {"x_zero_mm", "offset_mm"} & guess.options.keys()
+    scenes = [Scene(Indenter.single(), pose) for pose in poses]
+    space = own_workspace(scenes, np.inf)
+    assert space is not None
+    assert space.half_width_mm < 6.1
+
+
 def subsets(presses: Sequence[str]) -> int:
     return len(set(presses))
+
+
+@pytest.mark.parametrize("kind", ["number", "text", "none"])
+def test_rows_near_each_other_are_one_press_whatever_names_them(tmp_path: Path, kind: str) -> None:
+    lab = Lab(tmp_path / "lab", 60)
+    press = np.tile(np.arange(12), 5)
+    lab.x, lab.y = (v[press] + lab.rng.uniform(-0.03, 0.03, 60) for v in (lab.x, lab.y))
+    ids: dict[str, dict[str, Any]] = {
+        "number": {"point_id": press},
+        "text": {"recording": [f"rec-{number}" for number in press]},
+        "none": {"contact": np.arange(60) % 2},
+    }
+    guess, _ = imported(lab, places(lab) | ids[kind], tmp_path)
+    assert guess.options.get("press", "none") == next(iter(ids[kind])).replace("contact", "none")
+    recording = open_recording(lab.folder, read_mapping(tmp_path / "guess.toml"))
+    assert len({*zip(press, recording.presses, strict=True)}) == 12
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        (("x [0.1mm]", "y [0.1mm]", "depth"), "no column that is surely x"),
+        (("x (counts)", "y (counts)", "depth"), "no column that is surely x"),
+        (("x_idx", "y_idx", "depth"), "no column that is surely x"),
+        (("x", "y", "depth in thousandths"), r"reach .* mm, which no press does; write its unit"),
+        (("x", "y", "depth in metres"), r"reach .* mm, which no press does; write its unit"),
+    ],
+)
+def test_what_is_no_length_in_mm_is_asked_for(
+    lab: Lab, columns: tuple[str, str, str], sentence: str
+) -> None:
+    scale = {"depth in thousandths": 1e3, "depth in metres": 1e-3}.get(columns[2], 1.0)
+    values = (lab.x, lab.y, lab.depth * scale)
+    names = [name.partition(" in ")[0] for name in columns]
+    with pytest.raises(UserError, match=sentence):
+        guess_mapping(lab.table(dict(zip(names, values, strict=True))))
+
+
+@pytest.mark.parametrize(
+    ("given", "near"),
+    [
+        ("depth=indentaton", "indentation [mm]"),
+        ("depth=-indentation[mm]", "indentation [mm]"),
+        ("x=posx", "pos_x"),
+        ("y=pos_y,posz", "pos_y"),
+        ("force=Fz", "fz"),
+        ("press=shot", "shots"),
+        ("yaw=tun", "turn"),
+        ("x=", ""),
+    ],
+)
+def test_a_column_that_is_named_and_not_there_gets_the_nearest_name(
+    lab: Lab, given: str, near: str
+) -> None:
+    columns = {"pos_x": lab.x, "pos_y": lab.y, "indentation [mm]": lab.depth, "fz": lab.depth}
+    folder = lab.table(columns | {"shots": np.arange(lab.rows), "turn": 100 * lab.depth})
+    sentence = f"did you mean '{re.escape(near)}'" if near else "known: "
+    with pytest.raises(UserError, match=rf"log\.csv has no column '.*'; {sentence}"):
+        guess_mapping(folder, [given])
+    assert guess_mapping(folder, ["depth=auto"]).options["depth"] == "indentation [mm]"
+
+
+def test_a_video_needs_no_column_of_numbers(lab: Lab, tmp_path: Path) -> None:
+    kind = cv2.VideoWriter_fourcc(*"MJPG")
+    video = cv2.VideoWriter(str(lab.folder / "cam.avi"), kind, 30, (SIZE, SIZE))
+    for row in range(ROWS):
+        path = lab.folder / f"f{row}.png"
+        video.write(cv2.imread(str(path)))
+        path.unlink()
+    video.release()
+    lab.table({"x": lab.x, "y": lab.y, "z": 90 - lab.depth})
+    path = lab.folder / "log.csv"
+    path.write_text("\n".join(row.partition(",")[2] for row in path.read_text().splitlines()))
+    guess = guess_mapping(lab.folder)
+    assert guess.options["depth"] == "-z"  # what the frames show was looked at
+    path.write_text(path.read_text().rpartition("\n")[0])
+    with pytest.raises(UserError, match=r"has 39 rows, and the video 40 frames"):
+        guess_mapping(lab.folder)
+
+
+def test_sessions_in_folders_are_named_with_their_own_frames(tmp_path: Path) -> None:
+    for day in ("monday", "tuesday"):
+        lab = Lab(tmp_path / "lab" / day)
+        lab.table(places(lab))
+    with pytest.raises(UserError, match=r"in 2 ways.*table=monday/log\.csv column=file frames=mo"):
+        guess_mapping(tmp_path / "lab")
+
+
+def test_files_that_are_not_read_are_named(lab: Lab) -> None:
+    (lab.folder / "labels.xlsx").write_bytes(b"PK")
+    with pytest.raises(UserError, match=r"Not read: labels\.xlsx; save them as one CSV table"):
+        guess_mapping(lab.folder)
 
 
 def test_frames_of_one_press_or_place_stay_together(tmp_path: Path) -> None:
@@ -327,25 +411,6 @@ def test_ordinary_tables_are_read(
     assert [s.pose.depth for s in recording.scenes if s is not None] == lab.depth.tolist()
 
 
-class Skin:
-    """Random presses on sixteen taxels, and files of them."""
-
-    def __init__(self, folder: Path, rows: int = 120) -> None:
-        rng = np.random.default_rng(1)
-        self.folder, self.rows = folder, rows
-        self.x, self.y = rng.uniform(-20, 20, (2, rows)).round(3)
-        self.depth = rng.uniform(0.2, 3, rows).round(3)
-        at = np.array([(a, b) for a in (-15, -5, 5, 15) for b in (-15, -5, 5, 15)])
-        apart = (self.x[:, None] - at[:, 0]) ** 2 + (self.y[:, None] - at[:, 1]) ** 2
-        self.taxels = self.depth[:, None] * np.exp(-apart / 400) + rng.normal(0, 0.01, apart.shape)
-        folder.mkdir(parents=True)
-
-    def write(self, name: str, columns: Sequence[Any], header: str = "") -> Path:
-        rows = [",".join(map(str, row)) for row in np.column_stack(columns)]
-        (self.folder / name).write_text("\n".join([header] * bool(header) + rows) + "\n")
-        return self.folder
-
-
 @pytest.fixture
 def skin(tmp_path: Path) -> Skin:
     return Skin(tmp_path / "skin")
@@ -380,7 +445,7 @@ def test_columns_without_names_need_a_part_in_the_signal(skin: Skin) -> None:
     guess = guess_mapping(skin.write("out.csv", [skin.x, skin.y, skin.depth]))
     assert [guess.options[name] for name in ("table", "channels")] == ["out.csv", "in.csv"]
     assert [guess.options[name] for name in ("x", "y")] == ["column_1", "column_2"]
-    assert "depth=column_3 or force=column_3" in guess.unused["column_3"]
+    assert 'depth = "column_3" or force = "column_3"' in guess.unused["column_3"]
     far = guess_mapping(skin.write("out.csv", [skin.x, skin.y, 150 - skin.depth]))
     assert far.options["depth"] == "-column_3"
     rng = np.random.default_rng(0)
@@ -430,3 +495,10 @@ def test_channels_before_a_press_are_subtracted(skin: Skin, tmp_path: Path) -> N
     recording = open_recording(skin.folder, read_mapping(tmp_path / "map.toml"))
     assert np.allclose(recording.signal(5), skin.taxels[5], atol=1e-5)
     assert recording.sites == ("A", "B", "C", "D")
+
+
+def test_a_flag_of_contact_numbers_no_presses(skin: Skin) -> None:
+    labels = np.column_stack([skin.rng.integers(0, 2, skin.rows), skin.x, skin.y, skin.depth])
+    labels[labels[:, 0] == 0, 1:] = np.nan
+    skin.write("all.csv", [labels, skin.taxels], f"contact,x,y,depth,{NAMES}")
+    assert "press" not in guess_mapping(skin.folder).options

@@ -121,7 +121,7 @@ def test_lists_are_as_long_as_their_cells_are_filled(tmp_path: Path) -> None:
         ("x,y,d,gap,turn", [0, 0, 1, 8, ""], PAIRS, ["log.csv row 1", "yaw is empty"]),
         ("x,y,d,gap,turn", [0, 0, 1, -8, 0], PAIRS, ["log.csv row 1", "spacing is -8 mm"]),
         ("x,y,d,gap,turn", ["", 0, 1, 8, 0], PAIRS, ["log.csv row 1", "x is ''"]),
-        ("x,y,d,gap", [0, 0, 1, 8], PAIRS, ["no column turn"]),
+        ("x,y,d,gap", [0, 0, 1, 8], PAIRS, ["no column 'turn'"]),
         ("x,y,d,gap,turn", [0, 0, 1, 8, 0], {**PAIRS, "spacing": ""}, ["spacing=COLUMN"]),
         ("x,y,d,gap,turn", [0, 0, 1, 8, 0], {**PAIRS, "heights": "x"}, ["heights names 1", "2"]),
         ("x,y,d", [0, 0, 1], {"indenter": "tips", "x": "x,x", "y": "y", "depth": "d"}, ["2 for x"]),
