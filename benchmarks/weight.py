@@ -49,7 +49,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_vgnn": (352, 3),
     "tactibench": (920, 11),
     "tactibench/board": (2157, 12),
-    "tactibench/cli": (2205, 12),
+    "tactibench/cli": (2207, 12),
     "tactibench/datasets": (4874, 16),
     "tactibench/frames": (1968, 12),
     "tactibench/live": (410, 4),
