@@ -144,7 +144,7 @@ METRICS: dict[str, Metrics] = {
     "exp3": (
         *(("position_mean_mm", group, f"position {group}, mm", 3) for group in ("dual", "triple")),
         *(("depth_mae_mm", group, f"depth {group}, mm", 3) for group in ("dual", "triple")),
-        *(("missed", group, f"missed {group}, %", 1) for group in ("dual", "triple")),
+        *(("missed", group, f"missed {group}, %", 2) for group in ("dual", "triple")),
     ),
 }
 RECIPE, DEFAULT = "here, the paper's recipe", "here, default"
