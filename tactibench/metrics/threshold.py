@@ -89,7 +89,7 @@ LAPSES = 11
 """Lapse rates tried at once; each round after the first searches between two neighbours."""
 LAPSE_ROUNDS = 8
 """Rounds of that search: the last step is 3e-8, so that the threshold is the same within 1e-6 mm
-whatever the last bit of a likelihood."""
+whatever the last bit of a likelihood, unless a few trials leave the likelihood flat there."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class ThresholdFit(NamedTuple):
 
     Attributes:
         estimate: The threshold, mm.
-        lapse: Lapse rate of the fit; None where nothing could be fitted.
+        lapse: Lapse rate of the fit; None where nothing could be fitted, or no pair was resolved.
         goodness: Goodness of the fit; None where nothing could be fitted.
     """
 
@@ -263,7 +263,8 @@ def checked_threshold(
     goodness = goodness_of_fit(distances, profile.hits, profile.trials, curve, spread=spread)
     if goodness.p is not None and goodness.p < MISFIT:
         estimate = interpolated_threshold(distance, hits, press, rng=rng, level=level)
-    return ThresholdFit(estimate, lapse, goodness)
+    # Where no pair is resolved, every lapse rate is as likely.
+    return ThresholdFit(estimate, lapse if hits.any() else None, goodness)
 
 
 def _profile(distances: FloatArray, index: IntArray, hits: FloatArray) -> Profile:

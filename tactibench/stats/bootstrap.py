@@ -142,9 +142,10 @@ def bca_interval(
     jackknife = jackknife_values(statistic, clusters)
     if len(usable) < (1 - LOST) * resamples or not np.isfinite(jackknife).all():
         return None
-    if np.ptp(usable) <= 1e-12 * max(1.0, abs(value)):
+    tie = 1e-12 * max(1.0, abs(value))  # what rounding makes of two equal values
+    if np.ptp(usable) <= tie:
         return None
-    below = ((usable < value).sum() + (usable <= value).sum()) / (2 * len(usable))
+    below = ((usable < value - tie).sum() + (usable <= value + tie).sum()) / (2 * len(usable))
     # a value outside all resamples would give an infinite bias correction
     below = float(np.clip(below, 1 / (len(usable) + 1), len(usable) / (len(usable) + 1)))
     bias, a = ndtri(below), acceleration(jackknife)

@@ -129,6 +129,10 @@ def test_against_a_general_optimiser_of_threshold_slope_and_lapse():
     assert fit.goodness.freedom == 9
 
 
+def test_without_a_resolved_pair_no_lapse_rate_is_likelier():
+    assert checked(*exactly(np.zeros(12), 5)).lapse is None
+
+
 def test_a_perfect_step_fits_perfectly():
     fit = checked(*exactly(DISTANCES > 9.1, 50))
     assert 9.0 < fit.estimate.value < 9.5

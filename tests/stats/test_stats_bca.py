@@ -68,6 +68,16 @@ def test_an_extreme_statistic_keeps_finite_limits():
     assert y.min() <= low <= high <= y.max()
 
 
+def test_rounding_of_equal_values_moves_no_limit():
+    mean = mean_of(np.repeat([0.0, 1.0, 2.0], [5, 6, 4]))
+
+    def rounded(weights):
+        return mean(weights) * (1 + 4e-16 * (weights[:, 0] % 2))
+
+    exact, found = (bca_interval(f, 15, rng=np.random.default_rng(3)) for f in (mean, rounded))
+    assert found == pytest.approx(exact, rel=1e-12)
+
+
 def test_weighted_r2_is_that_of_repeated_rows():
     rng = np.random.default_rng(12)
     y = rng.normal(50, 1, (40, 2))
