@@ -488,7 +488,9 @@ def _find_zeros(table: Table, evidence: Evidence) -> None:
             said = f"first touch, above which the signal does not change, is at {first:.4g} mm"
             evidence.give("offset_mm", f"{-first:.6g}", f"{said}: check it")
         elif first is None and (least > _FAR_MM or np.nanmax(values) <= 0):
-            evidence.give("offset_mm", f"{-least:.6g}", "the shallowest is taken as first touch")
+            evidence.give(
+                "offset_mm", f"{-least:.6g}", "the shallowest is taken as first touch: check it"
+            )
         hovers = np.asarray(values + float(options.get("offset_mm", 0)) <= 0).all(axis=0)
         touching = np.asarray(~hovers | hovers.all())
     for axis in "xy":  # a zero is that of the column as it stands, also where it is negated
@@ -505,7 +507,8 @@ def _find_zeros(table: Table, evidence: Evidence) -> None:
 def _first_touch(depth: FloatArray, signals: FloatArray) -> float | None:
     """Return the depth at first touch, None where no rows hover above the sensor for sure.
 
-    Rows hover where the shallowest quarter of the depths has one signal.
+    Rows hover where the shallowest quarter of the depths, or an eighth of them, has one signal: the
+    deeper half of these rows differs from rest as little as the other half.
 
     Args:
         depth: (N,) depths with any zero, in order, mm.
@@ -514,26 +517,34 @@ def _first_touch(depth: FloatArray, signals: FloatArray) -> float | None:
     from scipy.stats import theilslopes
 
     span = np.ptp(depth) if len(depth) else 0.0
-    count = max(_HOVER, int((depth < depth[:1] + span / 4).sum()))
-    if count >= len(depth) or depth[count - 1] > depth[0] + span / 2:
-        return None
-    rest = np.median(signals[:count], axis=0)
-    strength = np.sqrt(np.square(signals - rest).mean(axis=1))
-    low, level, high = np.quantile(strength[:count], (0.05, 0.5, 0.95))
-    flat = _FLAT * (np.median(strength[depth > depth[-1] - span / 4]) - level)
-    same = np.abs(strength - level) <= flat
-    after = np.convolve(same, np.ones(_HOVER))[_HOVER - 1 :]  # of each row and the 8 deeper ones
-    felt = np.flatnonzero(~same & (after < _HOVER / 2))
-    if high - low > flat or not len(felt):
-        return None
-    deep = depth[felt[0] :]
-    if len(deep) < _FEWEST_FELT:  # too few presses for a line
-        return float(deep[0])
-    # Light touches hide in the noise: a line through the others tells where the signal began.
-    signal = np.sqrt(np.maximum(strength[felt[0] :] ** 2 - level**2, 0.0))
-    slope, intercept, *_ = theilslopes(signal, deep)
-    began = -intercept / slope if slope > 0 else np.inf
-    return float(np.clip(began, depth[0], deep[0]))
+    for share in (1 / 4, 1 / 8):
+        count = max(_HOVER, int((depth < depth[:1] + share * span).sum()))
+        if count >= len(depth) or depth[count - 1] > depth[0] + span / 2:
+            continue
+        rest = np.median(signals[:count], axis=0)
+        strength = np.sqrt(np.square(signals - rest).mean(axis=1))
+        level = np.median(strength[:count])
+        flat = _FLAT * (np.median(strength[depth > depth[-1] - span / 4]) - level)
+        upper, lower = np.array_split(strength[:count], 2)
+        if abs(np.median(lower) - np.median(upper)) > flat / 2:
+            continue
+        spread = np.quantile(strength[:count], 0.95) - level
+        same = np.abs(strength - level) <= max(flat, spread)
+        after = np.convolve(same, np.ones(_HOVER))[
+            _HOVER - 1 :
+        ]  # of each row and the 8 deeper ones
+        felt = np.flatnonzero(~same & (after < _HOVER / 2))
+        if not len(felt):
+            continue
+        deep = depth[felt[0] :]
+        if len(deep) < _FEWEST_FELT:  # too few presses for a line
+            return float(deep[0])
+        # Light touches hide in the noise: a line through the others tells where the signal began.
+        signal = np.sqrt(np.maximum(strength[felt[0] :] ** 2 - level**2, 0.0))
+        slope, intercept, *_ = theilslopes(signal, deep)
+        began = -intercept / slope if slope > 0 else np.inf
+        return float(np.clip(began, depth[0], deep[0]))
+    return None
 
 
 def is_time(column: str) -> bool:

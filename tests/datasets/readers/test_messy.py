@@ -223,6 +223,23 @@ def test_too_few_rows_that_touch_contradict_nothing(tmp_path: Path) -> None:
     assert (report.presses, report.contradictions) == (0, ())
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+@pytest.mark.parametrize("share", [0.05, 0.12, 0.3, 0.8])
+def test_first_touch_is_found_however_many_rows_hover(
+    tmp_path: Path, share: float, noise: float
+) -> None:
+    """The signals grow evenly with the depth, to about 1; rows hover up to .3 mm."""
+    skin = Skin(tmp_path / "skin", 400)
+    hovers = skin.rng.uniform(size=400) < share
+    height = 55 - np.where(hovers, -0.1 * skin.depth, skin.depth)
+    taxels = skin.taxels * ~hovers[:, None] + skin.rng.normal(0, noise, skin.taxels.shape)
+    header = ",".join(["x", "y", "z", *(f"s{n}" for n in range(16))])
+    skin.write("all.csv", [skin.x, skin.y, height, taxels], header)
+    guess = guess_mapping(skin.folder)
+    assert float(guess.options["offset_mm"]) == pytest.approx(55.0, abs=0.25)
+    assert "check it" in guess.remarks["offset_mm"]
+
+
 @pytest.mark.parametrize("form", ["1,234", "1'234", "1.234,5", "1.234"])
 def test_separators_of_thousands_are_named(tmp_path: Path, form: str) -> None:
     lab = Lab(tmp_path / "lab")
