@@ -196,7 +196,8 @@ def results(board: Board) -> Table:
         count = Number(published.n, "{:,.0f}".format) if published.n else None
         lines.append([f"{published.model}{regime}", "printed, real sensor", count, *values])
     for where, system in SYSTEMS[board.protocol]:
-        lines.append([system.name, where, *_found(board.row(system), columns)])
+        if row := board.row(system):
+            lines.append([system.name, where, *_found(row, columns)])
     return table(heads, lines)
 
 
@@ -205,11 +206,7 @@ def _printed(row: PublishedRow, metric: str, group: str, _: str, digits: int) ->
     return None if value is None else Number(value, fixed(digits))
 
 
-def _found(row: Row | None, columns: Metrics) -> Iterator[Cell]:
-    if row is None:
-        yield NOT_RUN
-        yield from (None for _ in columns)
-        return
+def _found(row: Row, columns: Metrics) -> Iterator[Cell]:
     yield f"{len(row.seeds)} seeds" if len(row.seeds) > 1 else "1 seed"
     for metric, group, _, digits in columns:
         pooled = row.metric(metric, group)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -120,11 +121,11 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
                 match = real.get(column.protocol, {}).get(wanted)
             values.append(None if match is None else match.metric(column.metric, column.group))
         lines.append(OverviewLine(row, tuple(values)))
-    first = [column.name for column in spec.columns].index(spec.order)
+    names = [column.name for column in spec.columns]
 
-    def place(line: OverviewLine) -> tuple[bool, bool, float]:
-        value = line.values[first]
-        return line.row.trivial, value is None, 0.0 if value is None else value.value
+    def place(line: OverviewLine) -> tuple[bool, list[float]]:
+        values = [line.values[names.index(name)] for name in spec.order]
+        return line.row.trivial, [math.inf if value is None else value.value for value in values]
 
     return sorted(lines, key=place)
 

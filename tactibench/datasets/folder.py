@@ -122,9 +122,10 @@ def import_folder(
 def _header(recording: Recording, options: ImportOptions) -> Header:
     kind = recording.kind
     channels = kind.shape if isinstance(kind, ChannelKind) else ()
+    folder = recording.folder.resolve().name
     return Header(
-        options.name or recording.folder.resolve().name,
-        {"name": options.sensor},
+        options.name or folder,
+        {"name": options.sensor or folder},
         None if isinstance(kind, ChannelKind) else (kind.height, kind.width),
         recording.channels,
         recording.dome_radius_mm,

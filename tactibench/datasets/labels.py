@@ -156,7 +156,7 @@ class ImportOptions:
     pivot_mm: float = _option(0.0, "p of depth + offset + p (1 - cos tilt) + q sin tilt", **_MM)
     pivot_side_mm: float = _option(0.0, "q of that indentation", **_MM)
     yaw_deg: float = _option(0.0, "to which a tilted plate's contact moves", low=-360.0, high=360.0)
-    sensor: str = _option("unknown", "name of the sensor that was recorded")
+    sensor: str = _option("", "name of the recorded sensor, as boards show it; default: the folder")
     licence: str = _option("", "of the frames, an SPDX name such as CC-BY-4.0")
 
     @property

@@ -196,13 +196,14 @@ class OverviewSpec(_Frozen):
 
     Attributes:
         protocol: Protocol whose rows are the lines of the table.
-        order: Name of the column that orders the lines.
+        order: Names of columns. The first orders the lines; those without a value follow, in the
+            order of the next one.
         note: Explanation for the reader of the table.
         columns: The metrics in the table.
     """
 
     protocol: Text
-    order: Text
+    order: Annotated[tuple[Text, ...], Field(min_length=1)]
     note: Text
     columns: Annotated[tuple[OverviewColumn, ...], Field(min_length=1)]
 

@@ -433,7 +433,7 @@ def _result(protocol: LoadedProtocol, groups: Sequence[Sequence[Row]], errors: E
         if best and not regime and unseen is not None:
             apart = next(test for test, one in board_spec(name).apart.items() if one is unseen)
             best = _best(unseen, models, ranks(name, models, errors, apart))
-            parts += [f"On sensors that no training saw: {best}."] if best else []
+            parts += [f"Smallest {unseen.name}: {best}."] if best else []
     return " ".join(parts)
 
 

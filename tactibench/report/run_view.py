@@ -557,7 +557,7 @@ def error_line(record: Record) -> str:
     """Return how far the simulator is from finite elements; "" where the record states nothing."""
     errors = record.data.simulator
     known = [error for error in errors if error.median_mm is not None and error.max_mm is not None]
-    title = "simulator's own error at a pin"
+    title = "error bound of the simulator at a pin"
     if not known:
         return f"{title}: not known" if errors else ""
     medians = sorted({f"{error.median_mm:.3f}" for error in known})

@@ -20,14 +20,25 @@ def on_exp1(fabricate, model, unseen, **more):
     return fabricate("exp1", model, error=0.02, metrics=own, **more)
 
 
-def test_lines_are_in_the_order_of_the_error_off_the_nominal_sensor(fabricate):
+def on_plates(fabricate, column, model, error):
+    """A record of the real recording of a column."""
+    record = fabricate("surface", model, regime="recorded", origin="real", error=error)
+    digits = overview_spec().columns[NAMES.index(column)].recording
+    record.sensor.recording = RecordingId(label=column, sha256=digits + 56 * "0")
+    record.identity.data = [column]
+    return record
+
+
+def test_lines_are_in_the_order_of_a_real_sensor_and_then_of_unseen_ones(fabricate):
     records = [
         on_exp1(fabricate, "a", 0.9),
         on_exp1(fabricate, "b", 0.1),
         on_exp1(fabricate, "mean", 0.01),
         on_exp1(fabricate, "c", None),
+        on_exp1(fabricate, "d", 0.95),
     ]
-    assert [line.row.first.model.name for line in overview({"exp1": records})] == [*"bac", "mean"]
+    lines = overview({"exp1": records, "surface": [on_plates(fabricate, "plates", "d", 0.02)]})
+    assert [line.row.first.model.name for line in lines] == [*"dbac", "mean"]
 
 
 def test_a_line_joins_the_rows_of_one_training(fabricate):
@@ -60,13 +71,8 @@ def test_a_line_joins_the_rows_of_one_training(fabricate):
 
 
 def test_real_plates_are_those_of_their_recording(fabricate):
-    plates = []
-    for column, error in (("plates", 0.02), ("plates-127", 0.03)):
-        record = fabricate("surface", "a", regime="recorded", origin="real", error=error)
-        digits = overview_spec().columns[NAMES.index(column)].recording
-        record.sensor.recording = RecordingId(label=column, sha256=digits + 56 * "0")
-        record.identity.data = [column]
-        plates.append(record)
+    errors = {"plates": 0.02, "plates-127": 0.03}
+    plates = [on_plates(fabricate, column, "a", error) for column, error in errors.items()]
     (line,) = overview({"exp1": [on_exp1(fabricate, "a", 0.9)], "surface": plates})
     found = values_of(line)
     assert (found["plates"], found["plates-127"]) == (0.02, 0.03)

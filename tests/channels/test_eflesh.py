@@ -1,17 +1,15 @@
-"""The public recording of a magnetic skin, as docs/data.md imports it."""
+"""The public recording of a magnetic skin, as its map imports it."""
 
 from __future__ import annotations
 
 import os
-import shlex
 from collections import Counter
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactibench.datasets import Dataset, import_folder, open_recording, read_options
+from tactibench.datasets import Dataset, import_folder, open_recording, read_mapping
 from tactibench.frames import served_protocols
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,11 +22,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    text = (ROOT / "docs" / "data.md").read_text(encoding="utf-8")
-    (command,) = [line for line in text.splitlines() if "import path/to/eflesh" in line]
-    words = shlex.split(command)
-    options = [after for word, after in pairwise(words) if word == "--param"]
-    given = read_options(options)
+    given = read_mapping(ROOT / "leaderboards" / "recordings" / "eflesh.toml")
     return import_folder(SESSION, tmp_path_factory.mktemp("skin") / "eflesh", given)
 
 

@@ -247,7 +247,7 @@ def error(name: str, unknown: int = 0, **more: float | None) -> SimulatorError:
 
 
 KNOWN, NOTHING = error("pairs"), dict.fromkeys(("median_mm", "p95_mm", "max_mm"))
-AGAINST = "simulator's own error at a pin, against finite elements: median"
+AGAINST = "error bound of the simulator at a pin, against finite elements: median"
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ AGAINST = "simulator's own error at a pin, against finite elements: median"
             [KNOWN, error("plates", 1200, **NOTHING)],
             f"{AGAINST} 0.079 mm, at most 0.221 mm (not known for 1,200 of 2,400 scenes)",
         ),
-        ([error("pairs", 1200, **NOTHING)], "simulator's own error at a pin: not known"),
+        ([error("pairs", 1200, **NOTHING)], "error bound of the simulator at a pin: not known"),
         ([], ""),
     ],
 )
