@@ -397,8 +397,9 @@ def overview_table(
         brief: Whether models at their defaults alone are shown, in six columns without intervals.
         link: Makes the link to a row of the first protocol from its anchor.
     """
-    spec = overview_spec()
-    shown = [k for k, column in enumerate(spec.columns) if column.brief or not brief]
+    spec, lines = overview_spec(), list(lines)
+    measured = [any(line.values[k] is not None for line in lines) for k in range(len(spec.columns))]
+    shown = [k for k, c in enumerate(spec.columns) if c.brief or (measured[k] and not brief)]
     heads: list[Head] = ["model", *(Column(spec.columns[k].head) for k in shown)]
     heads += [Column("p90, one thread, ms"), *([] if brief else [Column("training")])]
     rows: list[list[Cell]] = []

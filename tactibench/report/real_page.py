@@ -70,10 +70,10 @@ def real_page(records: Mapping[str, Sequence[Record]]) -> RealPage:
     agreed = agreement_table(own, records.get(real_spec().simulated, ()))
     tables += [moved_table([test for test in tests if test.trained_on]), agreed]
     shown = {r.name for test in tests for row in test.rows.values() for r in row.records}
-    orders = [test.order for test in own if test.order]
+    orders = [test.order for test in own if len(test.order) > 1]  # one model is no comparison
     best = Counter(min(order, key=lambda model: order[model].value) for order in orders)
     leads = [f"{model} on {n}" for model, n in best.most_common()]
-    result = f"The smallest error of {len(own)} tests: {', '.join(leads)}." if leads else ""
+    result = f"The smallest error of {len(orders)} tests: {', '.join(leads)}." if leads else ""
     return RealPage(result, _validity(agreed), tuple(one for one in tables if one.rows), len(shown))
 
 
@@ -117,7 +117,7 @@ def moved_table(tests: Iterable[RealTest]) -> Table:
         cells = (_cell(found[shots], model) if shots in found else None for shots in shown)
         guessed = None if guess is None else Number(guess.value, significant)
         rows.append([where, _name(model), guessed, *cells])
-    heads: list[Head] = ["tested on", "model", Column("error of mean, mm")]
+    heads: list[Head] = ["tested on", "model", Column("error of the model mean, mm")]
     heads += [Column(f"{'' if k else 'labelled presses shown: '}{n}") for k, n in enumerate(shown)]
     title = "Trained on one recording or sensor, tested on another"
     note = "Values as above; the error alone where `mean` was not tested."
