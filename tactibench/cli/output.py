@@ -50,7 +50,7 @@ class Terminal:
     def say_board(self, board: Path) -> None:
         """Say which board was read where that is none of the user's."""
         if board == shipped_folder("leaderboards"):
-            self.say(f"board: that of tactibench {__version__}; rows in {OWN_BOARD} here replace it")
+            self.say(f"board: that of tactibench {__version__}; rows in {OWN_BOARD} replace it")
 
     def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
         """Show progress while something of ``total`` steps is done; yields what advances it."""
