@@ -69,9 +69,9 @@ _LAGS = 10
 _FEWEST_PRESSES = 10
 """Presses from which rows that are near each other are no chance."""
 _HOVER, _FLAT = 9, 0.05
-"""Fewest rows above the sensor from which first touch is told, and the largest spread of their
-signal, as a share of what the deepest presses change. A press that grows from 0 to a quarter of its
-depth changes the signal by .1 and more."""
+"""Fewest rows above the sensor from which first touch is told, and the largest change of the signal
+that is none, as a share of what the deepest presses change. A press that grows from 0 to a quarter
+of its depth changes the signal by .1 and more; the medians of two halves differ by half of that."""
 _FEWEST_FELT = 5
 """Fewest presses that a line is laid through."""
 _OFF_MM, _OFF_DEPTH_MM = 0.5, 1.5
@@ -488,9 +488,8 @@ def _find_zeros(table: Table, evidence: Evidence) -> None:
             said = f"first touch, above which the signal does not change, is at {first:.4g} mm"
             evidence.give("offset_mm", f"{-first:.6g}", f"{said}: check it")
         elif first is None and (least > _FAR_MM or np.nanmax(values) <= 0):
-            evidence.give(
-                "offset_mm", f"{-least:.6g}", "the shallowest is taken as first touch: check it"
-            )
+            said = "the shallowest is taken as first touch: check it"
+            evidence.give("offset_mm", f"{-least:.6g}", said)
         hovers = np.asarray(values + float(options.get("offset_mm", 0)) <= 0).all(axis=0)
         touching = np.asarray(~hovers | hovers.all())
     for axis in "xy":  # a zero is that of the column as it stands, also where it is negated
@@ -507,8 +506,9 @@ def _find_zeros(table: Table, evidence: Evidence) -> None:
 def _first_touch(depth: FloatArray, signals: FloatArray) -> float | None:
     """Return the depth at first touch, None where no rows hover above the sensor for sure.
 
-    Rows hover where the shallowest quarter of the depths, or an eighth of them, has one signal: the
-    deeper half of these rows differs from rest as little as the other half.
+    Rows hover where the shallowest quarter of the range of depths, or its shallowest eighth, has
+    one signal: there the deeper half of the rows differs from rest as little as the other half.
+    Medians say so, which noise does not move.
 
     Args:
         depth: (N,) depths with any zero, in order, mm.
@@ -517,7 +517,7 @@ def _first_touch(depth: FloatArray, signals: FloatArray) -> float | None:
     from scipy.stats import theilslopes
 
     span = np.ptp(depth) if len(depth) else 0.0
-    for share in (1 / 4, 1 / 8):
+    for share in (1 / 4, 1 / 8):  # an eighth, because robots may start just above the sensor
         count = max(_HOVER, int((depth < depth[:1] + share * span).sum()))
         if count >= len(depth) or depth[count - 1] > depth[0] + span / 2:
             continue
@@ -530,9 +530,8 @@ def _first_touch(depth: FloatArray, signals: FloatArray) -> float | None:
             continue
         spread = np.quantile(strength[:count], 0.95) - level
         same = np.abs(strength - level) <= max(flat, spread)
-        after = np.convolve(same, np.ones(_HOVER))[
-            _HOVER - 1 :
-        ]  # of each row and the 8 deeper ones
+        # of each row and the 8 deeper ones
+        after = np.convolve(same, np.ones(_HOVER))[_HOVER - 1 :]
         felt = np.flatnonzero(~same & (after < _HOVER / 2))
         if not len(felt):
             continue
