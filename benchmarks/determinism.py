@@ -3,7 +3,7 @@
     python benchmarks/determinism.py [--models cnn ...] [--protocol exp1] [--sensor S] [--json FILE]
 
 The run is made several times, each in a process of its own with its own cache and another seed of
-Python's hashes: first one alone, then two at once, and once more only the frames on another number
+Python's hashes: first one alone, then two at once, then one with another number
 of threads. It is a ``--quick`` run with the seed 0. Exit code 1 when anything differs in a bit.
 """
 
@@ -30,12 +30,11 @@ Hashes = dict[str, str]
 """Name of a result, such as "weights" -> its sha256."""
 
 
-def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hashes:
+def hashes_of_run(request: dict[str, Any]) -> Hashes:
     """Make a run in this process and return the hashes of its results.
 
     Args:
         request: Settings of the run.
-        frames_only: Whether to make the frames and nothing else.
 
     Raises:
         UserError: The run cannot be planned, or its protocol changes sensors while it tests.
@@ -47,6 +46,7 @@ def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hash
         NullReporter,
         RunRequest,
         TestFrames,
+        limited_threads,
         make_plan,
         open_frames,
         score_arrays,
@@ -68,11 +68,10 @@ def hashes_of_run(request: dict[str, Any], *, frames_only: bool = False) -> Hash
             ("test", plan.frames.test),
         )
     }
-    if frames_only:
-        return hashes
     model, weights = train_model(plan, reporter)
     evaluation = Evaluation(plan, model, TestFrames.open(plan, reporter), reporter)
-    predictions = evaluation.predict()
+    with limited_threads(1):  # as a run does
+        predictions = evaluation.predict()
     arrays, maps = predictions
     metrics = score_arrays(plan.spec, evaluation.truth(), arrays, maps)
     return {
@@ -98,16 +97,13 @@ def repeat(request: dict[str, Any]) -> dict[str, Hashes]:
             begun = {name: _begin(request, folder / name, threads) for name in names}
             times |= _finish(begun)
         name = f"on {other} thread{'s' if other != '1' else ''}"
-        times |= _finish({name: _begin(request, folder / name, other, frames_only=True)})
+        times |= _finish({name: _begin(request, folder / name, other)})
     return {
-        result: {time: hashes[result] for time, hashes in times.items() if result in hashes}
-        for result in times[ALONE]
+        result: {time: hashes[result] for time, hashes in times.items()} for result in times[ALONE]
     }
 
 
-def _begin(
-    request: dict[str, Any], cache: Path, threads: str, *, frames_only: bool = False
-) -> subprocess.Popen[str]:
+def _begin(request: dict[str, Any], cache: Path, threads: str) -> subprocess.Popen[str]:
     cache.mkdir()
     environment = {
         **os.environ,
@@ -116,9 +112,8 @@ def _begin(
         # Another order of sets in each process, so that results that depend on it differ.
         "PYTHONHASHSEED": str(sum(map(ord, cache.name))),
     }
-    work = json.dumps({"request": request, "frames_only": frames_only})
     return subprocess.Popen(
-        [sys.executable, str(Path(__file__).resolve()), "--work", work],
+        [sys.executable, str(Path(__file__).resolve()), "--work", json.dumps(request)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -176,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         if given.work:
-            print(json.dumps(hashes_of_run(**json.loads(given.work))))
+            print(json.dumps(hashes_of_run(json.loads(given.work))))
             return 0
         results = {
             model: repeat({"protocol": given.protocol, "model": model, "sensor": given.sensor})

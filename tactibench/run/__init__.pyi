@@ -18,6 +18,7 @@ from .machine import cuda_possible as cuda_possible
 from .machine import environment_facts as environment_facts
 from .machine import fingerprint as fingerprint
 from .machine import fingerprint_hash as fingerprint_hash
+from .machine import limited_threads as limited_threads
 from .machine import physical_cores as physical_cores
 from .machine import software as software
 from .plan import RunPlan as RunPlan
@@ -71,7 +72,6 @@ from .timing import Load as Load
 from .timing import Speed as Speed
 from .timing import counters as counters
 from .timing import declared_stages as declared_stages
-from .timing import limited_threads as limited_threads
 from .timing import parse_stat as parse_stat
 from .timing import settled_time as settled_time
 from .timing import time_calls as time_calls

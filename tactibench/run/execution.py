@@ -32,7 +32,7 @@ from tactibench.records import (
 )
 from tactibench.run.components import Sensor, describe_target
 from tactibench.run.evaluation import Evaluation, TestFrames
-from tactibench.run.machine import environment_facts
+from tactibench.run.machine import environment_facts, limited_threads
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import Predictions
 from tactibench.run.reporter import Reporter
@@ -91,7 +91,8 @@ def _answer(
     model, weights = train_model(plan, reporter, fresh=fresh)
     test = TestFrames.open(plan, reporter)
     evaluation = _evaluation(plan)(plan, model, test, reporter)
-    predictions = evaluation.predict()
+    with limited_threads(1):  # as in training: an answer does not depend on the number of threads
+        predictions = evaluation.predict()
     truth, maps = evaluation.truth(), predictions.maps
     if "force" not in predictions.arrays:
         truth.pop("force", None)

@@ -13,6 +13,8 @@ import math
 import os
 import platform
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -163,6 +165,38 @@ def physical_cores(cpuinfo: str, cpus: set[int]) -> int | None:
         if int(processor["processor"]) in cpus and {"physical id", "core id"} <= processor.keys()
     }
     return len(cores) or None
+
+
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """Let this process compute with ``count`` threads inside the block, and as before after it.
+
+    This holds for BLAS and OpenMP, and for torch, OpenCV and numba where they have been imported:
+    by the time that a model is built, everything that it computes with is imported.
+    """
+    from threadpoolctl import threadpool_limits
+
+    torch, cv2, numba = (sys.modules.get(name) for name in ("torch", "cv2", "numba"))
+    before = None if torch is None else torch.get_num_threads()
+    images = None if cv2 is None else cv2.getNumThreads()
+    # Called after torch's: numba starts its threads now, which may change OpenMP's number.
+    compiled = None if numba is None else numba.get_num_threads()
+    try:
+        with threadpool_limits(limits=count):
+            if torch is not None:
+                torch.set_num_threads(count)
+            if cv2 is not None:
+                cv2.setNumThreads(count)
+            if numba is not None:  # it refuses more threads than it was started with
+                numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+            yield
+    finally:
+        if numba is not None:
+            numba.set_num_threads(compiled)
+        if cv2 is not None:
+            cv2.setNumThreads(images)
+        if torch is not None:
+            torch.set_num_threads(before)
 
 
 def _has_cuda() -> bool:

@@ -39,7 +39,7 @@ from tactibench.errors import UserError
 from tactibench.frames import spread
 from tactibench.plugins import Model, Stage, describe_method
 from tactibench.records import SpeedRow
-from tactibench.run.machine import all_threads
+from tactibench.run.machine import all_threads, limited_threads
 from tactibench.run.predict import blinded
 from tactibench.run.worker import WorkerModel
 
@@ -261,37 +261,6 @@ class LatencySample:
             values |= {"mean_ms": float(wall.mean()), "cpu_ms": float(cpu.mean())}
             rows.append({**facts, "phase": phase, **values, **shared})
         return rows
-
-
-@contextmanager
-def limited_threads(count: int) -> Iterator[None]:
-    """Let this process compute with ``count`` threads inside the block, and as before after it.
-
-    This holds for torch, BLAS and OpenMP, and for OpenCV and numba where they have been imported:
-    by the time that a model is timed, everything that it computes with is imported.
-    """
-    import torch
-    from threadpoolctl import threadpool_limits
-
-    cv2, numba = sys.modules.get("cv2"), sys.modules.get("numba")
-    before = torch.get_num_threads()
-    images = None if cv2 is None else cv2.getNumThreads()
-    # Called after torch's: numba starts its threads now, which may change OpenMP's number.
-    compiled = None if numba is None else numba.get_num_threads()
-    try:
-        with threadpool_limits(limits=count):
-            torch.set_num_threads(count)
-            if cv2 is not None:
-                cv2.setNumThreads(count)
-            if numba is not None:  # it refuses more threads than it was started with
-                numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
-            yield
-    finally:
-        if numba is not None:
-            numba.set_num_threads(compiled)
-        if cv2 is not None:
-            cv2.setNumThreads(images)
-        torch.set_num_threads(before)
 
 
 def declared_stages(model: Model, frame: Frame) -> list[Stage]:

@@ -28,6 +28,7 @@ from tactibench.records import (
     read_checked_json,
 )
 from tactibench.run.components import Components
+from tactibench.run.machine import limited_threads
 from tactibench.run.reporter import Reporter, open_frames
 from tactibench.run.worker import WorkerModel, train_by_command
 
@@ -198,7 +199,9 @@ def _train(
     progress: Progress,
     refined: tuple[Model, TrainedWeights] | None,
 ) -> dict[str, Any]:
-    """Train a model, store its weights, and return their manifest.
+    """Train a model on one thread, store its weights, and return their manifest.
+
+    On more threads sums are taken in another order, and the weights would depend on their number.
 
     Args:
         plan: The plan of the run.
@@ -216,12 +219,13 @@ def _train(
         network, trained = refined
         model = RefinedModel(network)
         before = FitReport(**trained.report)
-        report: object = model.learn_fields(before, frames, truth, validation)
+        with limited_threads(1):
+            report: object = model.learn_fields(before, frames, truth, validation)
     else:
         entry.checkpoints.mkdir(parents=True, exist_ok=True)
         seed = np.random.SeedSequence(plan.request.seed, spawn_key=(TRAINING_STREAM,))
         rng = np.random.default_rng(seed)
-        with chdir("."):  # a plugin may leave it
+        with chdir("."), limited_threads(1):  # a plugin may leave the folder
             report = model.fit(frames, truth, validation=validation, rng=rng, progress=progress)
 
     def fill(folder: Path) -> dict[str, Any]:

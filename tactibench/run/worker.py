@@ -439,6 +439,7 @@ class Tasks:
 
 def serve(source: IO[bytes], sink: IO[bytes]) -> None:
     """Do the tasks of a run until it closes the pipe."""
+    from tactibench.run.machine import limited_threads
     from tactibench.run.predict import failure_cause
 
     tasks = Tasks()
@@ -448,7 +449,8 @@ def serve(source: IO[bytes], sink: IO[bytes]) -> None:
         except ValueError:
             return
         try:
-            told, given = getattr(tasks, values.pop("task"))(arrays, **values)
+            with limited_threads(1):  # as a run in one process does; ``time`` sets its own
+                told, given = getattr(tasks, values.pop("task"))(arrays, **values)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's
             own = str(error) if isinstance(error, UserError) else describe_failure(error)
             finite, cause = not isinstance(error, NotFiniteError), failure_cause(error)

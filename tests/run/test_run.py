@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stubs import StubModel
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from tactibench import Frame, Pose, Scene, UserError
 from tactibench.frames import D_PRIME
@@ -71,6 +72,28 @@ def test_metrics_are_what_the_stored_arrays_say(run: Run) -> None:
     rms = float(np.sqrt((surface.astype(float)[:, 0, 0] ** 2).mean()))
     assert value(done, "surface_rmse_mm") == pytest.approx(rms)
     assert truth["bound"].shape == (20, 3)
+
+
+def test_training_and_answers_use_one_thread_whatever_the_machine_has(
+    run: Run, tiny: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: dict[str, list[int]] = {"fit": [], "predict": []}
+    for name, threads in seen.items():
+        original = getattr(tiny.TinyModel, name)
+
+        def watched(
+            model: Any, *data: Any, original: Any = original, threads: Any = threads, **more: Any
+        ) -> Any:
+            threads += [pool["num_threads"] for pool in threadpool_info()]
+            return original(model, *data, **more)
+
+        monkeypatch.setattr(tiny.TinyModel, name, watched)
+    with threadpool_limits(2):
+        run("exp1")
+        assert 2 in {pool["num_threads"] for pool in threadpool_info()}
+    fitted, answered = seen.values()
+    assert set(fitted) == {1}
+    assert set(answered[: len(fitted)]) == {1}, "what is timed later may use more"
 
 
 @pytest.mark.long
