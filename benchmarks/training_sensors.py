@@ -5,9 +5,9 @@
     python benchmarks/training_sensors.py runs --picture docs/images/training_sensors.png
 
 Takes every run of `exp1` in a store and prints, for each model and number of training instances,
-GOSPA on the eight instances that it is tested on, with the 95 % interval of the mean over these
-(Student's t: the sensor is the unit, its seeds are averaged), and the worst of them. 0 and 1
-instances are the nominal sensor alone.
+GOSPA in x and y on the eight instances that it is tested on, with the 95 % interval of the mean
+over these (Student's t: the sensor is the unit, its seeds are averaged), and the worst of them. 0
+and 1 instances are the nominal sensor alone.
 """
 
 from __future__ import annotations
@@ -54,7 +54,12 @@ def main() -> None:
             middle, half = _mean(errors)
             cells = f"{middle:.3f} [{middle - half:.3f}, {middle + half:.3f}]", f"{max(errors):.3f}"
             rows.append([name, str(count), *cells])
-    heads = Column("model", right=False), Column("trained on"), Column("GOSPA, mm"), Column("worst")
+    heads = (
+        Column("model", right=False),
+        Column("trained on"),
+        Column("GOSPA in the plane, mm"),
+        Column("worst"),
+    )
     print_table(Console(), table(heads, rows, title="sensors that no training saw"))
     if given.picture:
         _draw(curves, given.picture)
@@ -90,7 +95,7 @@ def _draw(curves: dict[str, dict[int, list[float]]], path: Path) -> None:
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlabel("number of training sensors, 3,600 presses in all")
-    axes.set_ylabel("GOSPA on eight other sensors, mm")
+    axes.set_ylabel("GOSPA in the plane on eight other sensors, mm")
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=110)

@@ -96,7 +96,7 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
         )
     axes.set(
         xlabel="contacts missed, %",
-        ylabel="position error of the pairs that are left, mm",
+        ylabel="position error of the contacts that were found, mm",
         yscale="log",
         xlim=(-2, 100),
     )

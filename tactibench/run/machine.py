@@ -14,7 +14,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,12 @@ FLAGS = ("amx_bf16", "amx_int8", "amx_tile", "avx2", "avx512_bf16", "avx512f", "
 """Matrix and vector units that determine how fast a network is."""
 _DRIVER_NODES = ("/dev/nvidiactl", "/proc/driver/nvidia/gpus", "/dev/dxg", "/dev/kfd")
 """Files that the drivers of a card make on Linux: two of NVIDIA, one of WSL, one of AMD."""
+_POOLS = (
+    ("torch", "get_num_threads", "set_num_threads"),
+    ("cv2", "getNumThreads", "setNumThreads"),
+    ("numba", "get_num_threads", "set_num_threads"),
+)
+"""Modules with threads of their own, and the functions that tell and set their number."""
 _PROC = Path("/proc")
 _CGROUP = Path("/sys/fs/cgroup/cpu.max")
 
@@ -76,12 +82,12 @@ def all_threads() -> int:
 
 
 def environment_facts() -> dict[str, Any]:
-    """Return the fingerprint with its hash, the number of threads and the versions of packages."""
+    """Return the fingerprint with its hash, the threads of answers and the versions of packages."""
     facts = machine()
     return {
         **facts,
         "fingerprint": fingerprint_hash(facts),
-        "threads": _threads(facts["cores_logical"]),
+        "threads": 1,  # a run trains and answers on one
         "versions": installed_versions(*PACKAGES),
     }
 
@@ -176,27 +182,16 @@ def limited_threads(count: int) -> Iterator[None]:
     """
     from threadpoolctl import threadpool_limits
 
-    torch, cv2, numba = (sys.modules.get(name) for name in ("torch", "cv2", "numba"))
-    before = None if torch is None else torch.get_num_threads()
-    images = None if cv2 is None else cv2.getNumThreads()
-    # Called after torch's: numba starts its threads now, which may change OpenMP's number.
-    compiled = None if numba is None else numba.get_num_threads()
-    try:
-        with threadpool_limits(limits=count):
-            if torch is not None:
-                torch.set_num_threads(count)
-            if cv2 is not None:
-                cv2.setNumThreads(count)
-            if numba is not None:  # it refuses more threads than it was started with
-                numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
-            yield
-    finally:
-        if numba is not None:
-            numba.set_num_threads(compiled)
-        if cv2 is not None:
-            cv2.setNumThreads(images)
-        if torch is not None:
-            torch.set_num_threads(before)
+    loaded = [(sys.modules[name], get, put) for name, get, put in _POOLS if name in sys.modules]
+    with ExitStack() as stack:
+        # numba is last: it starts its threads when it is asked, which may change OpenMP's number.
+        for module, get, put in loaded:
+            stack.callback(getattr(module, put), getattr(module, get)())
+        stack.enter_context(threadpool_limits(limits=count))
+        for module, _, put in loaded:  # numba refuses more threads than it was started with
+            most = module.config.NUMBA_NUM_THREADS if module.__name__ == "numba" else count
+            getattr(module, put)(min(count, most))
+        yield
 
 
 def _has_cuda() -> bool:
@@ -205,12 +200,6 @@ def _has_cuda() -> bool:
     import torch
 
     return bool(torch.cuda.is_available())
-
-
-def _threads(cores: int | None) -> int:
-    """Return the number of threads of predictions; OMP_NUM_THREADS may be a list of numbers."""
-    first = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
-    return int(first) if first.isdigit() and int(first) else cores or 1
 
 
 def _processors(cpuinfo: str) -> list[dict[str, str]]:
