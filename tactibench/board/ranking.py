@@ -144,7 +144,7 @@ class Ranks:
         count = "1 row has" if self.too_few == 1 else f"{self.too_few} rows have"
         return (
             f"{count} no rank: fewer than {self.fewest} presses or sensors, or fewer than "
-            f"{FEWEST_SEEDS} seeds of a model that draws at random when it is trained."
+            f"{FEWEST_SEEDS} seeds of a model that may draw at random when it is trained."
         )
 
 
@@ -233,7 +233,9 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
     trainings = {record.identity.weights_hash: record for record in row.records}
     values = [record.value(by.metric, by.group) for record in trainings.values()]
     seed_values = [value for value in values if value is not None]
-    drawn = len(trainings) > 1 or not draws_nothing(row.first)
+    answers = {record.identity.predictions_hash for record in row.records}
+    one_answer = len(row.records) >= FEWEST_SEEDS and len(answers) == 1
+    drawn = len(trainings) > 1 or not (one_answer or draws_nothing(row.first))
     variance = (
         float(np.var(seed_values, ddof=1)) / len(seed_values) if len(seed_values) > 1 else 0.0
     )

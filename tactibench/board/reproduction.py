@@ -125,7 +125,8 @@ def reproduce(
     request = replace(request_of_record(record, host, data), runner=runner)
     with TemporaryDirectory(prefix="tactibench-") as folder:
         place = Path(folder)
-        plan = make_plan(request, host, cache or place / "cache", store=place / "runs")
+        cache, seed = cache or place / "cache", record.identity.hidden
+        plan = make_plan(request, host, cache, store=place / "runs", hidden_hash=seed)
         _refuse_another_recording(record, plan)
         again = execute(plan, reporter, timed=False).record
     return ReproducedRun(path, record, again, tuple(_compare(record, again)))

@@ -168,8 +168,8 @@ def verify(path: Path, source: Source, *, folder: Path | None = None) -> Verdict
     Args:
         path: File of the record.
         source: Sources of the truth.
-        folder: Folder of the published hashes of hidden seeds; None: those that ship with
-            tactibench.
+        folder: Folder of the published hashes of hidden seeds; None: that of the boards here, or
+            those that ship.
 
     Raises:
         UserError: Something is wrong with the file, or something is missing to verify it. Any other
@@ -210,7 +210,8 @@ def score_again(path: Path, source: Source, *, folder: Path | None = None) -> Ve
         )
     seed = None
     if record.test_sensor is not None and HIDDEN in record.test_sensor.options:
-        seed = recorded_seed(protocol, record.identity.hidden or "", folder)
+        own = path.resolve().parent.parent.parent / "hidden"  # its board may reveal the seed
+        seed = recorded_seed(protocol, record.identity.hidden or "", folder, own)
     truth = make_truth(record, protocol, source, seed)
     frames = len(truth["press"])
     shown = frames // (len(labelled_counts(record, protocol)) or 1)

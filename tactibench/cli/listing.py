@@ -179,6 +179,7 @@ def _show_spec(kind: str, spec: Any, origin: Any) -> None:
         ("answers", "answers"),
         ("reads", "reads"),
         ("max_contacts", "contacts"),
+        ("deterministic", "training"),
         ("kind", "kind"),
         ("uses_encoder", "encoder"),
         ("origin", "origin"),
@@ -199,6 +200,8 @@ def _describe_field(field: str, spec: Any) -> str:
     value = getattr(spec, field)
     if field == "max_contacts":
         return "any number" if value is None else f"at most {value}"
+    if field == "deterministic":
+        return "draws no random numbers" if value else "draws random numbers"
     if field == "uses_encoder" and value:
         default = f", by default {spec.default_encoder}" if spec.default_encoder else ""
         return f"of kind {' or '.join(spec.encoders)}{default}"

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean, read_file
-from tactibench.shipped import shipped_folder
+from tactibench.shipped import default_board, shipped_folder
 
 if TYPE_CHECKING:
     from tactibench.protocols.schema import Protocol
@@ -260,8 +260,8 @@ def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
     secret = os.environ.get(SEED_VARIABLE, "").strip()
     if not secret:
         raise UserError(
-            f"a hidden seed is read from {SEED_VARIABLE}, which is not set; set it, or leave the "
-            "option out to take the presses that everybody can draw."
+            f"a hidden seed is read from {SEED_VARIABLE}, which is not set; set it, or take the "
+            "presses that everybody can draw."
         )
     if len(secret) < SHORTEST:
         raise UserError(
@@ -276,7 +276,7 @@ def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> Hidd
 
     Args:
         protocol: The protocol that the seed belongs to.
-        folder: Folder of the published hashes; None: those that ship with tactibench.
+        folder: Folder of the published hashes; None: that of the boards here, or those that ship.
 
     Raises:
         UserError: The environment holds no seed or one that is too short, its hash was not
@@ -300,14 +300,16 @@ def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> Hidd
 
 
 def recorded_seed(
-    protocol: LoadedProtocol, commitment: str, folder: Path | None = None
+    protocol: LoadedProtocol, commitment: str, folder: Path | None = None, own: Path | None = None
 ) -> HiddenSeed:
     """Return the hidden seed that a record names by its hash: the revealed one, or the given one.
 
     Args:
         protocol: The protocol that the record answers.
         commitment: Hash of the seed that the record states.
-        folder: Folder of the published hashes; None: those that ship with tactibench.
+        folder: Folder of the published hashes; None: that of the boards here, or those that ship.
+        own: Folder in which the seed may be revealed as well, such as that of a pull request. It
+            has the hash that was published, so that it may be anybody's.
 
     Raises:
         UserError: The hash was not published or its file is damaged, or the seed is neither
@@ -320,7 +322,8 @@ def recorded_seed(
             f"no hash {commitment[:8]!r} of a hidden seed was published for {protocol.label}; only "
             "runs on published ones are verified."
         )
-    secret = published.get("seed")
+    revealed = {} if own is None else _read_commitment(own / path.name)
+    secret = (revealed | published).get("seed")
     seed = given_seed(protocol) if secret is None else _seed_of(protocol, secret)
     if seed.commitment != commitment:
         place = SEED_VARIABLE if secret is None else path.name
@@ -334,7 +337,7 @@ def recorded_seed(
 def commitment_file(protocol: LoadedProtocol, commitment: str, folder: Path | None = None) -> Path:
     """Return the file that publishes the hash of a hidden seed, and later the seed."""
     name = f"{protocol.spec.id}-{commitment[:8]}.toml"
-    return (folder or shipped_folder("leaderboards/hidden")) / name
+    return (folder or default_board() / "hidden") / name
 
 
 def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed, *, reveal: bool = False) -> str:

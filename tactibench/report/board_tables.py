@@ -25,6 +25,7 @@ from tactibench.board import (
     machine,
     row_anchor,
     settled,
+    shipped_models,
     unseen_error,
 )
 from tactibench.protocols import (
@@ -140,13 +141,16 @@ def row_name(row: Row, *, details: bool = False, brief: bool = False) -> Text:
     Args:
         row: The row.
         details: Whether prior knowledge, the number of seeds and who reproduced it stand below.
-        brief: Whether what the model knew stands below, in one word.
+        brief: Whether what the model knew stands below, in one word, and of a model that does not
+            ship who reproduced the row.
     """
     label = f"{row.label} {BELOW}" if row.below_bound else row.label
     known = "" if row.prior == "none" else f"prior knowledge: {row.prior}, "
     below = f"{known}{plural(len(row.records), 'seed')}, {row.reproduced}" if details else ""
     if brief:
-        below = f"knew {KNEW[row.prior]}" if row.prior in KNEW else ""
+        knew = [f"knew {KNEW[row.prior]}"] if row.prior in KNEW else []
+        own = row.first.model.name in shipped_models()
+        below = ", ".join(knew if own else [*knew, row.reproduced])
     return Text(label, "italic" if row.trivial else "", below)
 
 

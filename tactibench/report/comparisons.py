@@ -200,7 +200,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         f"  {verdict.subject}",
         f"  {record.protocol.label}, answers {record.identity.predictions_hash[:12]}",
         f"  checked: {verdict.checked}",
-        f"  as submitted, these files cannot show it: {verdict.unknown}",
+        f"  only the submitter's word: {verdict.unknown}",
     )
     for k, line in enumerate(lines):
         console.print(Text(line, style="" if k else "bold"), soft_wrap=True)

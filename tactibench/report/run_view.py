@@ -227,8 +227,9 @@ def print_ranked(console: Console, runs: Sequence[StoredRun]) -> None:
     from tactibench.report.board_tables import shown_errors, summary_table
 
     protocol = load_protocol(runs[0].record.protocol.id)
-    columns = shown_errors(protocol)
-    if not columns:
+    name = protocol.spec.id
+    columns, rows = shown_errors(protocol), ordered(name, rows_of(run.record for run in runs))
+    if not columns or len(rows) < 2:
         return
     errors = {
         run.record.name: press_errors_of(
@@ -236,8 +237,6 @@ def print_ranked(console: Console, runs: Sequence[StoredRun]) -> None:
         )
         for run in runs
     }
-    name = protocol.spec.id
-    rows = ordered(name, rows_of(run.record for run in runs))
     ranked = ranks(name, rows, errors)
     found = None if ranked is None else summary_table(rows, ranked, columns, "")
     if found is not None:

@@ -242,6 +242,7 @@ def make_plan(
     cache: Path,
     frame_plans: dict[str, FramePlan] | None = None,
     store: Path = STORE,
+    hidden_hash: str | None = None,
 ) -> RunPlan:
     """Return the plan of a run for a request.
 
@@ -252,6 +253,8 @@ def make_plan(
         frame_plans: Plans of frames of the same sweep, by a text of their request. Missing ones are
             added: many cells share their frames, and a plan of frames takes most of the time.
         store: Folder of the run store.
+        hidden_hash: Hash of the hidden seed of the record whose run is made again; that seed may
+            be revealed. None: a run on hidden presses takes a seed that nobody knows.
 
     Raises:
         UserError: Something in the request does not exist or does not fit.
@@ -261,9 +264,9 @@ def make_plan(
     components = resolve_components(request, spec, host)
     hidden = None
     if test.hidden:
-        from tactibench.protocols import committed_seed
+        from tactibench.protocols import committed_seed, recorded_seed
 
-        hidden = committed_seed(protocol)
+        hidden = recorded_seed(protocol, hidden_hash) if hidden_hash else committed_seed(protocol)
     frames = _plan_frames(
         FrameRequest(
             protocol=protocol,

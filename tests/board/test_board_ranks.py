@@ -201,13 +201,24 @@ def test_rows_of_too_few_presses_or_seeds_have_no_rank(fabricate, errors) -> Non
 def test_seeds_of_one_training_count_once(fabricate, errors) -> None:
     """Whoever sends one training three times, under three seeds, has one."""
     made = records(fabricate, errors)
-    for record in made:
+    for number, record in enumerate(made):
+        record.identity.predictions_hash = f"answers {number}"
         if record.model.name == "a":
             record.identity.weights_hash = "same"
     rows = rows_of(made)
     found = ranks("exp1", rows, kept(made, errors))
     assert by_model(found, rows) == {"a": "", "b": "1", "c": "2"}
     assert "1 row has no rank" in found.note
+
+
+def test_a_model_whose_three_seeds_answer_the_same_draws_nothing(fabricate, errors) -> None:
+    made = records(fabricate, errors)
+    for number, record in enumerate(made):
+        own = record.model.name == "a"
+        record.identity.predictions_hash = "same" if own else f"answers {number}"
+        record.identity.weights_hash = "same" if own else f"weights {number}"
+    rows = rows_of(made)
+    assert by_model(ranks("exp1", rows, kept(made, errors)), rows)["a"] == "1"
 
 
 @pytest.mark.parametrize(

@@ -337,7 +337,7 @@ def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_reveale
     monkeypatch.setenv(VARIABLE, "0123456789abcdef" * 4)
     protocol = mini("exp1")
     seed = given_seed(protocol)
-    folder = tmp_path / "hidden"
+    folder = tmp_path / "trusted"
     folder.mkdir()
     published = commitment_file(protocol, seed.commitment, folder)
     published.write_text(commitment_text(protocol, seed))
@@ -379,6 +379,14 @@ def test_hidden_presses_are_verified_with_the_seed_and_by_all_when_it_is_reveale
     monkeypatch.delenv(VARIABLE)
     with pytest.raises(UserError, match="a hidden seed is read from"):
         verify(path, source, folder=folder)
+    # A pull request reveals the seed of a hash that was published before it.
+    beside = path.parents[2] / "hidden" / published.name
+    beside.parent.mkdir()
+    beside.write_text(commitment_text(protocol, seed, reveal=True))
+    assert verify(path, source, folder=folder).frames == 20
+    with pytest.raises(UserError, match="only runs on published ones are verified"):
+        verify(path, source, folder=tmp_path)
+    beside.unlink()
     published.write_text(commitment_text(protocol, seed, reveal=True))
     assert verify(path, source, folder=folder).frames == 20
 

@@ -109,7 +109,12 @@ def test_a_short_page_has_a_result_and_one_row_of_each_model(fabricate):
     ) in text
     found = tables(text)
     (rows,) = found["Simulated sensor tactip-127"]
-    assert [row["model"] for row in rows] == ["unet", "cnn", "own, k=1", "*mean*"]
+    assert [row["model"] for row in rows] == [
+        "unet",
+        "cnn",
+        "own, k=1<br><sub>as submitted</sub>",
+        "*mean*",
+    ]
     assert list(rows[0]) == [
         *("rank", "model", "GOSPA, mm", "error of the depth, mm", "GOSPA on unseen sensors, mm"),
         *("missed, %", "p90, ms"),
@@ -123,7 +128,7 @@ def test_a_short_page_of_recordings_names_them_and_says_what_a_model_knew(fabric
     record = fabricate("surface", "own", encoder=None, origin="real", regime="recorded")
     record = changed_record(record, {"training.prior": "plain addition"})
     (rows,) = tables(short([record], "surface"))["Real recording: tactip-127"]
-    assert rows[0]["model"] == "own<br><sub>knew addition</sub>"
+    assert rows[0]["model"] == "own<br><sub>knew addition, as submitted</sub>"
 
 
 def test_the_order_of_the_records_does_not_matter(fabricate):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board import command_options, section_key
+from tactibench.board import add, command_options, reproduce, section_key
 from tactibench.protocols import (
     HiddenSeed,
     commitment_file,
@@ -20,10 +20,9 @@ from tactibench.protocols import (
     load_protocol,
     recorded_seed,
 )
-from tactibench.protocols import loader as module
 from tactibench.protocols.loader import SEED_VARIABLE
 from tactibench.records import StoredRun
-from tactibench.run import TestOptions
+from tactibench.run import NullReporter, TestOptions
 
 pytestmark = pytest.mark.long
 
@@ -33,9 +32,10 @@ HIDDEN = TestOptions(hidden=True)
 
 @pytest.fixture
 def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> HiddenSeed:
-    """The seed in the environment, its hash published."""
+    """The seed in the environment, its hash published in the boards of the present folder."""
     monkeypatch.setenv(SEED_VARIABLE, SECRET)
-    monkeypatch.setattr(module, "shipped_folder", lambda _: tmp_path)
+    (tmp_path / "leaderboards/hidden").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
     protocol = load_protocol(mini("exp1"))
     seed = given_seed(protocol)
     commitment_file(protocol, seed.commitment).write_text(commitment_text(protocol, seed))
@@ -56,6 +56,28 @@ def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
     assert secret.record.sensor.test_sensor.description == "hidden presses"
     assert section_key(public.record) != section_key(secret.record)
     assert "-on-hidden-" in secret.record.name
+
+
+def test_a_hidden_run_is_made_again_when_its_seed_is_revealed(
+    run: Callable[..., StoredRun],
+    mini: Callable[[str], str],
+    host: Any,
+    committed: HiddenSeed,
+    installed: None,
+    tmp_path: Path,
+    monkeypatch: Any,
+) -> None:
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(Path(mini("exp1")).parent))
+    run("exp1")  # leaves the weights
+    path = add(run("exp1", test=HIDDEN), tmp_path / "board")[0]
+    monkeypatch.delenv(SEED_VARIABLE)
+    with pytest.raises(UserError, match="a hidden seed is read from"):
+        reproduce(path, host, NullReporter(), cache=tmp_path / "cache")
+    protocol = load_protocol(mini("exp1"))
+    published = commitment_file(protocol, committed.commitment)
+    published.write_text(commitment_text(protocol, committed, reveal=True))
+    found = reproduce(path, host, NullReporter(), cache=tmp_path / "cache")
+    assert (found.reproduced, found.same_frames) == (True, True)
 
 
 def test_neither_the_seed_nor_a_number_of_a_sensor_is_on_the_disk(
