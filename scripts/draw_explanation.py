@@ -43,7 +43,7 @@ HEADS = (
     "model",
     "regime",
     "seeds",
-    "position error of pairs, mm",
+    "position error of found contacts, mm",
     "missed, %",
     "spurious / frame",
     "GOSPA, mm",

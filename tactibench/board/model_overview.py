@@ -15,7 +15,7 @@ from tactibench.board.rows import (
     training_sensor,
     whole,
 )
-from tactibench.protocols import Axis, overview_spec
+from tactibench.protocols import Axis, load_protocol, overview_spec
 from tactibench.records import Record, canonical
 
 ERROR = "ospa_mm"
@@ -109,7 +109,7 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
     boards = {name: rows_of(whole(trained_for(of_board))) for name, of_board in records.items()}
     trained = {name: {_training(row): row for row in rows} for name, rows in boards.items()}
     real = {name: {_on_recording(row): row for row in rows} for name, rows in boards.items()}
-    lines = []
+    usual, lines = next(iter(load_protocol(spec.protocol).spec.regimes)), []
     for row in boards.get(spec.protocol, ()):
         if row.first.sensor.origin != "simulated":
             continue
@@ -118,7 +118,8 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
             match = trained.get(column.protocol, {}).get(_training(row))
             if column.recording:
                 wanted = canonical([column.recording, *_model(row)])
-                match = real.get(column.protocol, {}).get(wanted)
+                found = real.get(column.protocol, {})  # recordings have no other regime
+                match = found.get(wanted) if row.regime == usual else None
             values.append(None if match is None else match.metric(column.metric, column.group))
         lines.append(OverviewLine(row, tuple(values)))
     names = [column.name for column in spec.columns]

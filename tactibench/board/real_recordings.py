@@ -197,13 +197,16 @@ def simulated_orders(records: Iterable[Record]) -> dict[str, Order]:
         records: Records of that protocol.
     """
     protocol = load_protocol(real_spec().simulated)
-    main, unseen = board_spec(protocol.spec.id).ranking, unseen_error(protocol)
+    spec, unseen = board_spec(protocol.spec.id), unseen_error(protocol)
+    main, depth = spec.ranking, spec.depth
     orders: dict[str, Order] = {}
     for section in sections_of(whole(records)):
         if section.origin != "simulated" or main is None:
             continue
         if section.nominal:
             orders.setdefault("the simulated sensor of the training", _order(section, main))
+            if depth is not None:  # which is what plates are ordered by
+                orders.setdefault("the same, by the depth alone", _order(section, depth))
             if unseen is not None:
                 orders.setdefault("simulated sensors that no training saw", _order(section, unseen))
         elif not section.sensor.changed and command_options(section.record) == REFERENCE:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactibench.board.ranking import RankInterval, ordered, ranks
-from tactibench.board.rows import Row, rows_of, section_key, trained_for, trained_on
+from tactibench.board.rows import Row, label_of, rows_of, section_key, trained_for, trained_on
 from tactibench.board.submissions import (
     FOLDER,
     all_press_errors,
@@ -172,23 +172,25 @@ class Placement:
         rank: Ranks that the run's row may have; None: it has too few seeds or presses for a rank.
         rows: Number of rows that have a rank.
         above: The row with the next smaller error; None for the best.
+        trivial: A trivial row with a smaller error; None for none.
     """
 
     ranking: Ranking
     rank: RankInterval | None
     rows: int
     above: Row | None
+    trivial: Row | None
 
 
-def place_run(run: StoredRun, board: Path) -> Placement | None:
+def place_run(run: StoredRun, board: Path, seeds: Sequence[StoredRun] = ()) -> Placement | None:
     """Return the place of a run among the committed rows of its section.
 
-    The row holds the run and the committed seeds of the same configuration, as the board would
-    show it.
+    The row holds the run and other seeds of the same configuration, as the board would show it.
 
     Args:
         run: Stored run.
         board: Folder of the board.
+        seeds: Other runs, whose seeds of the same configuration count before committed ones.
 
     Returns:
         None where the run has no place: it is partial or learned from fewer presses, no error
@@ -205,26 +207,34 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     if ranking is None or protocol is None or shortened or not committed.is_dir():
         return None
     compacted, key = compact(record), canonical(section_key(record))
+    mine = [one for one in (*seeds, run) if label_of(one.record) == label_of(record)]
+    own = {slot(compact(one.record)): one for one in mine}
     others = [
         other
         for other in read_submissions(board, record.protocol.id)
         if other.limits.presses is None
         and canonical(section_key(other)) == key
-        and slot(other) != slot(compacted)
+        and slot(other) not in own
     ]
     if not others:
         return None
     errors = all_press_errors(board, others)
-    truth, predicted = run.arrays("truth"), run.arrays("predictions")
-    errors[compacted.name] = press_errors_of(protocol.spec, truth, predicted)
-    rows = ordered(record.protocol.label, rows_of([*others, compacted]))
+    for one in own.values():
+        truth, predicted = one.arrays("truth"), one.arrays("predictions")
+        errors[one.record.name] = press_errors_of(protocol.spec, truth, predicted)
+    records = [*others, *(compact(one.record) for one in own.values())]
+    rows = ordered(record.protocol.label, rows_of(records))
     ranked = ranks(record.protocol.label, rows, errors)
     place = next(k for k, row in enumerate(rows) if compacted in row.records)
-    if ranked is None or rows[place].metric(ranking.metric, ranking.group) is None:
+    values = [row.metric(ranking.metric, ranking.group) for row in rows]
+    if ranked is None or (own_value := values[place]) is None:
         return None
+    pairs = zip(rows, values, strict=True)
+    below = [row for row, value in pairs if row.trivial and value and value.value < own_value.value]
     return Placement(
         ranking=ranking,
         rank=ranked.by_row[place],
         rows=sum(rank is not None for rank in ranked.by_row),
         above=rows[place - 1] if place else None,
+        trivial=below[0] if below else None,
     )

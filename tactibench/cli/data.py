@@ -228,11 +228,11 @@ def import_folder(
 ) -> None:
     """Read a folder of recorded frames into the new data set TARGET.
 
-    SOURCE is a Bristol folder (targets.csv and frames) or a folder with a CSV file. Frames are
+    SOURCE is a TacTip folder (targets.csv and frames) or a folder with a CSV file. Frames are
     checked and kept byte for byte. Labels become contacts where --param indenter says what pressed;
     `tactibench data fit SOURCE` finds a plate's offset_mm and pivot_mm.
-    With --guess columns are recognised by their names; read the file that it writes, correct it,
-    and import again with --map.
+    With --guess columns are found by their names and by the signal; read the file that it writes,
+    correct it, and import again with --map.
 
     \b
     tactibench data import lab sets/lab --guess

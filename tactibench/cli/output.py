@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -61,7 +61,14 @@ class Terminal:
         return self._progress.training()
 
 
-def show_run(terminal: Terminal, run: StoredRun, board: Path, *, full: bool = False) -> None:
+def show_run(
+    terminal: Terminal,
+    run: StoredRun,
+    board: Path,
+    *,
+    full: bool = False,
+    seeds: Sequence[StoredRun] = (),
+) -> None:
     """Print a run in about ten lines, or whole, and draw its pictures where it is no quick run.
 
     Args:
@@ -69,6 +76,7 @@ def show_run(terminal: Terminal, run: StoredRun, board: Path, *, full: bool = Fa
         run: That is shown.
         board: Folder of the leaderboards, for the place of the run.
         full: Print all tables and published rows.
+        seeds: Runs before it, whose seeds count for its place.
     """
     from tactibench.report import place_line, print_summary
 
@@ -79,7 +87,7 @@ def show_run(terminal: Terminal, run: StoredRun, board: Path, *, full: bool = Fa
         from tactibench.report import update_pictures
 
         pictures = update_pictures(run)
-        place = place_run(run, board)
+        place = place_run(run, board, seeds)
     if not full:
         print_summary(terminal.out, run.record, run.folder, place, board)
     else:

@@ -26,6 +26,7 @@ from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
+    from tactibench.records import StoredRun
     from tactibench.run import RunPlan
 
 
@@ -111,7 +112,8 @@ def run(
         for name in names
         for seed in seeds
     ]
-    values, finished = [], []
+    values: list[dict[str, Any]] = []
+    finished: list[StoredRun] = []
     for plan in plans:
         if train_only and not dry_run:
             values.append(_train(plan, terminal, fresh=fresh))
@@ -121,7 +123,7 @@ def run(
                 terminal.say(line)
         if not dry_run:
             run = execute(plan, terminal, fresh=fresh)
-            show_run(terminal, run, board_folder, full=full)
+            show_run(terminal, run, board_folder, full=full, seeds=finished)
             finished.append(run)
             values.append(run.record.json_values())
     if len(finished) > 1:

@@ -337,7 +337,11 @@ def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
             "sign, its zero (offset_mm) and its unit"
         )
     if widest > _WIDEST_MM or (widest < _SHALLOWEST_MM / 10 and np.ptp(x) + np.ptp(y) > 0):
-        wrong.append(f"places would reach {widest:.3g} mm from the middle: check zeros and unit")
+        unit = "are these metres? Then rename x and y to x [m], y [m]"
+        wrong.append(
+            f"places would reach {widest:.3g} mm from the middle: "
+            f"{unit if widest < _WIDEST_MM else 'check zeros and unit'}"
+        )
     return wrong
 
 

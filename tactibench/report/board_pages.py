@@ -80,6 +80,8 @@ from tactibench.report.tables import Table, error_words, plural
 from tactibench.report.tradeoff_plots import frontier_figure, unseen_frontiers
 from tactibench.shipped import shipped_folder
 
+LIMIT_MM = 0.05
+"""An error below it says as much of the simulator: five times the simulator's median error."""
 COSTS = {
     "p90_ms": ("ms", lambda record: latency(record, threads=1)),
     "frames_per_s": ("1/s", frames_per_second),
@@ -455,7 +457,9 @@ def _best(error: Ranking, rows: Sequence[Row], ranked: Ranks | None) -> str:
     value = "" if number is None else f"{number.text} {unit}".rstrip()
     ranks_of = zip(rows, ranked.by_row, strict=True)
     level = [row.short for row, rank in ranks_of if rank and rank.best == 1 and row != rows[best]]
-    text = f"{rows[best].short}, {value}"
+    text, simulated = f"{rows[best].short}, {value}", rows[best].first.sensor.origin == "simulated"
+    if simulated and unit == "mm" and known[best] < LIMIT_MM:
+        text += f" (below {LIMIT_MM} mm it measures the simulator as much)"
     return f"{text}; {' and '.join(level)} may be as good" if level else text
 
 

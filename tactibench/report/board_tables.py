@@ -145,13 +145,12 @@ def row_name(row: Row, *, details: bool = False, brief: bool = False) -> Text:
             ship who reproduced the row.
     """
     label = f"{row.label} {BELOW}" if row.below_bound else row.label
-    known = "" if row.prior == "none" else f"prior knowledge: {row.prior}, "
-    below = f"{known}{plural(len(row.records), 'seed')}, {row.reproduced}" if details else ""
-    if brief:
-        knew = [f"knew {KNEW[row.prior]}"] if row.prior in KNEW else []
-        own = row.first.model.name in shipped_models()
-        below = ", ".join(knew if own else [*knew, row.reproduced])
-    return Text(label, "italic" if row.trivial else "", below)
+    words = [f"knew {KNEW[row.prior]}"] if row.prior in KNEW else []
+    if details and not brief:
+        words += [plural(len(row.records), "seed"), row.reproduced]
+    elif row.first.model.name not in shipped_models():
+        words.append(row.reproduced)
+    return Text(label, "italic" if row.trivial else "", ", ".join(words) * (details or brief))
 
 
 def default_places(rows: Sequence[Row]) -> list[int]:

@@ -62,10 +62,7 @@ WHOLE = ("all", "mean")
 MOST_METRICS = 6
 """Most metrics of a run in ten lines."""
 GLOSSARY = "docs/glossary.md"
-NO_INTERVAL_NOTE = (
-    f"{NO_INTERVAL}: no interval. One press has none, and of few presses the bootstrap of R2 may "
-    "give none that holds its value."
-)
+NO_INTERVAL_NOTE = f"{NO_INTERVAL}: no interval; the presses are too few, or the value cannot vary."
 FALSE = "false_per_1000"
 TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
@@ -185,7 +182,7 @@ def _place(record: Record, place: Placement | None, board: Path) -> Iterator[str
         rows = () if shortened else read_submissions(board, record.protocol.id)
         others = sections_of(row for row in rows if section_key(row) != section_key(record))
         titles = dict.fromkeys(_tested_on(section, record.sensor) for section in others)
-        why = "a shortened run is on no board" if shortened else "no board row to compare with"
+        why = "a shortened run is on no board" if shortened else "no row was tested on these frames"
         yield f"no rank, {why}"
         if titles:
             yield f"its rows are of other test frames: {' and '.join(list(titles)[:2])}"
@@ -195,8 +192,8 @@ def _place(record: Record, place: Placement | None, board: Path) -> Iterator[str
         rank = f"rank {place.rank} of {place.rows} by {place.ranking.name}"
         if place.rank is None:
             rank = (
-                f"no rank yet, which takes {FEWEST_SEEDS} seeds (--seeds 0,1,2) and "
-                f"{FEWEST_PRESSES} presses"
+                f"no rank yet, which takes {FEWEST_SEEDS} seeds in one command (--seeds 0,1,2) "
+                f"and {FEWEST_PRESSES} presses"
             )
         if place.above is None:
             yield f"{rank}, nothing above"
@@ -204,6 +201,8 @@ def _place(record: Record, place: Placement | None, board: Path) -> Iterator[str
             pooled = place.above.metric(place.ranking.metric, place.ranking.group)
             value = "" if pooled is None else f" {number(pooled.value, place.ranking.decimals)}"
             yield f"{rank}, above it {place.above.label}{value}"
+        if place.trivial is not None:
+            yield f"its error is larger than that of the trivial {place.trivial.label}"
 
 
 def _tested_on(section: Section, mine: SensorId) -> str:
@@ -260,8 +259,9 @@ def _next(record: Record, store: Path, board: Path) -> str:
     else:
         in_store = [] if store == Path("runs") else ["--store", str(store)]
         words = ["board", "add", record.name, *in_store, *on_board]
-        if not on_board:
-            board = OWN_BOARD  # rows are not added to what is installed
+        if not on_board and not OWN_BOARD.is_dir():  # rows are not added to what is installed
+            board = Path("my-board")  # a folder leaderboards would hide the rows that ship
+            words += ["--board", str(board)]
     command = shlex.join(["tactibench", *words])
     if words[1] == "add" and not board.is_dir():  # it refuses a board that is not there
         command = f"{shlex.join(['mkdir', str(board)])} && {command}"

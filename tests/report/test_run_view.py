@@ -151,16 +151,16 @@ def test_a_partial_run_has_no_rank(fabricate: Callable[..., Record]) -> None:
 def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None:
     ranking, above = ranking_error("exp1"), Row((fabricate(model="cnn", error=0.0412),))
     made = fabricate()
-    line = placed(made, Placement(ranking, RankInterval(2, 4), 9, above))
+    line = placed(made, Placement(ranking, RankInterval(2, 4), 9, above, None))
     assert "rank 2–4 of 9 by GOSPA, above it cnn 0.0412" in line
     assert line.endswith(f"next: `tactibench board add {made.name}`")
     assert "rank 1 of 9 by GOSPA, nothing above" in placed(
-        made, Placement(ranking, RankInterval(1, 1), 9, None)
+        made, Placement(ranking, RankInterval(1, 1), 9, None, None)
     )
     assert (
-        "no rank yet, which takes 3 seeds (--seeds 0,1,2) and 20 presses, above it cnn"
-        in placed(made, Placement(ranking, None, 9, above))
-    )
+        "no rank yet, which takes 3 seeds in one command (--seeds 0,1,2) and 20 presses, above it "
+        "cnn 0.0412; its error is larger than that of the trivial cnn;"
+    ) in placed(made, Placement(ranking, None, 9, above, above))
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_rows_of_another_sensor_are_named(fabricate: Callable[..., Record]) -> N
     place.mkdir(parents=True)
     (place / f"{other.name}.json").write_text(text_of(compact(other)))
     assert (
-        "no board row to compare with; its rows are of other test frames: "
+        "no row was tested on these frames; its rows are of other test frames: "
         "Simulated sensor tactip-127, instance=1; next:" in placed(made, None)
     )
 
@@ -238,7 +238,7 @@ def test_a_value_without_an_interval_is_explained(fabricate: Callable[..., Recor
     r2.unit, r2.low, r2.high, r2.n, r2.clusters = "", None, None, 10, 10
     text = summary(made)
     assert "-0.0100 [none]" in text
-    assert "[none]: no interval." in text
+    assert "[none]: no interval; the presses are too few" in text
 
 
 def error(name: str, unknown: int = 0, **more: float | None) -> SimulatorError:

@@ -205,8 +205,11 @@ def test_rows_near_each_other_are_one_press_whatever_names_them(tmp_path: Path, 
         (("x [0.1mm]", "y [0.1mm]", "depth"), "no column that is surely x"),
         (("x (counts)", "y (counts)", "depth"), "no column that is surely x"),
         (("x_idx", "y_idx", "depth"), "no column that is surely x"),
-        (("x", "y", "depth in thousandths"), r"reach .* mm, which no press does; write its unit"),
-        (("x", "y", "depth in metres"), r"reach .* mm, which no press does; write its unit"),
+        (
+            ("x", "y", "depth in thousandths"),
+            r"reach .* which no press does; .* such as depth \[um\]",
+        ),
+        (("x", "y", "depth in metres"), r"no press does; .* such as depth \[m\]"),
     ],
 )
 def test_what_is_no_length_in_mm_is_asked_for(
