@@ -105,6 +105,7 @@ def test_an_installed_copy_is_used_and_lists_everything(empty: Path, tmp_path: P
     assert {row["name"] for row in listed["protocols"]} == protocols
 
 
+@pytest.mark.long
 def test_the_boards_that_ship_are_shown_in_an_empty_folder(empty: Path, tmp_path: Path) -> None:
     for words, shown in {
         ("board", "show", "sites"): "rank",
