@@ -3,8 +3,8 @@
     python benchmarks/determinism.py [--models cnn ...] [--protocol exp1] [--sensor S] [--json FILE]
 
 The run is made several times, each in a process of its own with its own cache and another seed of
-Python's hashes: first one alone, then two at once, then one with another number
-of threads. It is a ``--quick`` run with the seed 0. Exit code 1 when anything differs in a bit.
+Python's hashes: first one alone, then two at once, then one with another number of threads. It is a
+``--quick`` run with the seed 0. Exit code 1 when anything differs in a bit.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "plugins/tactibench_unet": (437, 3),
     "plugins/tactibench_vgnn": (352, 3),
     "tactibench": (920, 11),
-    "tactibench/board": (2175, 12),
+    "tactibench/board": (2176, 12),
     "tactibench/cli": (2219, 12),
     "tactibench/datasets": (4887, 16),
     "tactibench/frames": (1968, 12),

@@ -118,7 +118,7 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
             match = trained.get(column.protocol, {}).get(_training(row))
             if column.recording:
                 wanted = canonical([column.recording, *_model(row)])
-                found = real.get(column.protocol, {})  # recordings have no other regime
+                found = real.get(column.protocol, {})  # of single contacts, as all recordings are
                 match = found.get(wanted) if row.regime == usual else None
             values.append(None if match is None else match.metric(column.metric, column.group))
         lines.append(OverviewLine(row, tuple(values)))

@@ -208,7 +208,8 @@ def place_run(run: StoredRun, board: Path, seeds: Sequence[StoredRun] = ()) -> P
         return None
     compacted, key = compact(record), canonical(section_key(record))
     mine = [one for one in (*seeds, run) if label_of(one.record) == label_of(record)]
-    own = {slot(compact(one.record)): one for one in mine}
+    same = [one for one in mine if canonical(section_key(one.record)) == key]
+    own = {slot(compact(one.record)): one for one in same}
     others = [
         other
         for other in read_submissions(board, record.protocol.id)
@@ -220,8 +221,8 @@ def place_run(run: StoredRun, board: Path, seeds: Sequence[StoredRun] = ()) -> P
         return None
     errors = all_press_errors(board, others)
     for one in own.values():
-        truth, predicted = one.arrays("truth"), one.arrays("predictions")
-        errors[one.record.name] = press_errors_of(protocol.spec, truth, predicted)
+        arrays = one.arrays("truth"), one.arrays("predictions")
+        errors[one.record.name] = press_errors_of(protocol.spec, *arrays)
     records = [*others, *(compact(one.record) for one in own.values())]
     rows = ordered(record.protocol.label, rows_of(records))
     ranked = ranks(record.protocol.label, rows, errors)

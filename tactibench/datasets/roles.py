@@ -387,9 +387,9 @@ def _find_depth(table: Table, names: Sequence[Name], evidence: Evidence) -> None
     deepest = max(-low if sign else high, 0.0)
     if many and depths and not _SHALLOW_MM <= deepest <= _DEEP_MM + max(low, 0):
         raise UserError(
-            f"{table.path}: {column} would reach {deepest:.3g} mm, which no press does; rename it "
-            f"to its unit, such as depth [{'m' if deepest < _SHALLOW_MM else 'um'}], or name "
-            "another with depth=COLUMN."
+            f"{table.path}: {column} would reach {deepest:.3g} mm, which no press does; write its "
+            f"true unit in its name, such as depth [{'m' if deepest < _SHALLOW_MM else 'um'}], or "
+            "name another with depth=COLUMN."
         )
     unused.pop(column, None)
     evidence.give("depth", f"{sign}{column}", said)

@@ -163,7 +163,7 @@ class BoardPage:
         """What the page's picture shows, in words."""
         if load_protocol(self.name).spec.axes:
             return "Error of each model as a case becomes harder, a panel for each kind of case"
-        return "Error of each model against the time of an answer; a lower, faster one is better"
+        return "Error against the time of an answer, of rows that were timed on one machine"
 
     @property
     def figure(self) -> Callable[[], Figure] | None:

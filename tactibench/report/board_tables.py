@@ -145,12 +145,12 @@ def row_name(row: Row, *, details: bool = False, brief: bool = False) -> Text:
             ship who reproduced the row.
     """
     label = f"{row.label} {BELOW}" if row.below_bound else row.label
-    words = [f"knew {KNEW[row.prior]}"] if row.prior in KNEW else []
+    words = [f"knew {KNEW[row.prior]}"] if row.prior in KNEW and (details or brief) else []
     if details and not brief:
         words += [plural(len(row.records), "seed"), row.reproduced]
-    elif row.first.model.name not in shipped_models():
+    elif brief and row.first.model.name not in shipped_models():
         words.append(row.reproduced)
-    return Text(label, "italic" if row.trivial else "", ", ".join(words) * (details or brief))
+    return Text(label, "italic" if row.trivial else "", ", ".join(words))
 
 
 def default_places(rows: Sequence[Row]) -> list[int]:
