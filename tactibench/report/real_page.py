@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from itertools import combinations
 from tactibench.board import (
     GUESS,
     TRIVIAL,
+    PooledMetric,
     RealTest,
     agreement,
     real_tests,
@@ -26,6 +28,8 @@ from tactibench.report.tables import (
     Table,
     Text,
     fixed,
+    metric_number,
+    plural,
     significant,
     table,
 )
@@ -70,11 +74,9 @@ def real_page(records: Mapping[str, Sequence[Record]]) -> RealPage:
     agreed = agreement_table(own, records.get(real_spec().simulated, ()))
     tables += [moved_table([test for test in tests if test.trained_on]), agreed]
     shown = {r.name for test in tests for row in test.rows.values() for r in row.records}
-    orders = [test.order for test in own if len(test.order) > 1]  # one model is no comparison
-    best = Counter(min(order, key=lambda model: order[model].value) for order in orders)
-    leads = [f"{model} on {n}" for model, n in best.most_common()]
-    result = f"The smallest error of {len(orders)} tests: {', '.join(leads)}." if leads else ""
-    return RealPage(result, _validity(agreed), tuple(one for one in tables if one.rows), len(shown))
+    return RealPage(
+        _result(own), _validity(agreed), tuple(one for one in tables if one.rows), len(shown)
+    )
 
 
 def error_table(tests: Sequence[RealTest], title: str) -> Table:
@@ -133,13 +135,37 @@ def _cell(test: RealTest, model: str) -> Cell:
     error, share = test.error(model), test.share(model)
     if error is None:
         return None
-    text = _with_unit(test, error.value)
+    if share is None or test.line.unit:
+        text = _with_unit(test, error)
+        return text if share is None else Number(share, fixed(3), below=text)
     # A share of wrong sets is that of guessing already, which is wrong on all.
-    return text if share is None else Number(share, fixed(3), below=text if test.line.unit else "")
+    return metric_number(error, 1)
 
 
-def _with_unit(test: RealTest, value: float) -> str:
-    return f"{value:.{test.line.decimals}f} {test.line.unit}".strip()
+def _with_unit(test: RealTest, error: PooledMetric) -> str:
+    value = f"{error.value:.{test.line.decimals}f} {test.line.unit}"
+    if error.low is None or error.high is None:
+        return value
+    low, high = (f"{end:.{test.line.decimals}f}" for end in (error.low, error.high))
+    return f"{value}, {low} – {high}"
+
+
+def _result(tests: Iterable[RealTest]) -> str:
+    """Return which models have the smallest errors, and on how many tests that may be chance."""
+    orders = [test.order for test in tests if len(test.order) > 1]  # one model is no comparison
+    if not orders:
+        return ""
+    ordered = [sorted(order, key=lambda model: order[model].value) for order in orders]
+    leads = Counter(best for best, *_ in ordered).most_common()
+    close = sum(
+        not (order[best].high or math.inf) < (order[second].low or 0.0)
+        for order, (best, second, *_) in zip(orders, ordered, strict=True)
+    )
+    return (
+        f"The smallest error of {plural(len(orders), 'test')}: "
+        f"{', '.join(f'{model} on {count}' for model, count in leads)}. On {close} of them the "
+        "95 % intervals of the first two models overlap, so that chance may decide."
+    )
 
 
 def agreement_table(tests: Iterable[RealTest], simulated: Sequence[Record]) -> Table:

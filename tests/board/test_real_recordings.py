@@ -79,7 +79,22 @@ def test_without_a_guess_there_is_no_share(fabricate):
     (test,) = real_tests({"surface": [on_recording(fabricate, "pins", 0.1)]})
     assert test.share("pins") is None
     (errors,) = real_page({"surface": [on_recording(fabricate, "pins", 0.1)]}).tables
-    assert errors.rows[0][-1] == "0.1000 mm"
+    assert errors.rows[0][-1] == "0.1000 mm, 0.0900 – 0.1100"
+
+
+@pytest.mark.parametrize(("second", "close"), [(0.13, 0), (0.12, 1)])
+def test_the_page_says_where_chance_may_decide(fabricate, second, close):
+    records = [
+        on_recording(fabricate, model, error)  # with an interval of 10 % to either side
+        for model, error in (("mean", 0.8), ("pins", 0.1), ("kernel", second), ("cnn", 0.4))
+    ]
+    page = real_page({"surface": records})
+    assert page.result == (
+        f"The smallest error of 1 test: pins on 1. On {close} of them the 95 % intervals of the "
+        "first two models overlap, so that chance may decide."
+    )
+    (errors,) = page.tables
+    assert errors.rows[0][-1].below == "0.1000 mm, 0.0900 – 0.1100"
 
 
 def test_a_recording_is_called_by_its_sensor_or_by_the_name_that_is_known(fabricate):
