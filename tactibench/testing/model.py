@@ -38,6 +38,9 @@ SHOWN = 10
 """Labelled frames that a model adapts to."""
 EXACT = 1e-6
 """Largest difference, in mm, deg and score, between answers of the same weights."""
+NEAR = 0.05
+"""Presses are some mm from the axis or some mm deep: answers that are all smaller than this, in mm,
+are in metres."""
 CLOSE = 1e-3
 """Largest difference where only the order of additions differs."""
 
@@ -67,9 +70,11 @@ def fit(subject: ModelSubject) -> None:
 
 def shapes(subject: ModelSubject) -> None:
     """One answer for every frame, of the declared kind, finite, of no more than max_contacts."""
-    for answer in subject.answers:
-        if isinstance(answer, Contacts) and len(answer):
-            require(np.abs(answer.xy).max() < 1e3, f"a contact at {answer.xy[0]} mm; xy is in mm")
+    answered = [a for a in subject.answers if isinstance(a, Contacts) and len(a)]
+    for answer in answered:
+        require(np.abs(answer.xy).max() < 1e3, f"a contact at {answer.xy[0]} mm; xy is in mm")
+    far = [max(np.abs(a.xy).max(), np.nan_to_num(a.depth).max()) for a in answered]
+    require(max(far, default=NEAR) >= NEAR, f"no contact beyond {NEAR} mm; xy and depth are in mm")
 
 
 def finds_contacts(subject: ModelSubject) -> None:
