@@ -58,13 +58,13 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/plugins": (669, 5),
     "tactibench/protocols": (1094, 5),
     "tactibench/records": (860, 7),
-    "tactibench/report": (3417, 17),
+    "tactibench/report": (3440, 17),
     "tactibench/run": (2833, 16),
     "tactibench/scaffold": (105, 2),
     "tactibench/stats": (324, 4),
     "tactibench/superposition": (1598, 9),
     "tactibench/sweep": (467, 3),
-    "tactibench/testing": (1285, 6),
+    "tactibench/testing": (1290, 6),
     "tactibench/training": (1513, 10),
 }
 """Package -> most code lines, most modules. A row is lowered when a package shrinks."""

@@ -89,7 +89,8 @@ def test_pins_that_crowd_are_followed_again(fitted, presses):
     assert max(after) < 0.5 * detector.pins.pitch
     found = model.predict([frames[row] for row in rows])
     error, _ = matched(found, [truth[row] for row in rows])
-    assert np.abs(error).max() < 0.3
+    assert np.abs(error).mean() < 0.1
+    assert np.abs(error).max() < 0.5  # as of pairs whose pins do not crowd
 
 
 def test_without_the_neighbours_law_two_tips_are_farther_off(make, fit, presses, duals_found):
