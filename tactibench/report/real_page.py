@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -132,22 +131,11 @@ def _name(model: str) -> Text:
 
 def _cell(test: RealTest, model: str) -> Cell:
     """Return the share of guessing, the error below it; the error alone where nothing guessed."""
-    error, share = test.error(model), test.share(model)
-    if error is None:
-        return None
-    if share is None or test.line.unit:
-        text = _with_unit(test, error)
-        return text if share is None else Number(share, fixed(3), below=text)
-    # A share of wrong sets is that of guessing already, which is wrong on all.
-    return metric_number(error, 1)
-
-
-def _with_unit(test: RealTest, error: PooledMetric) -> str:
-    value = f"{error.value:.{test.line.decimals}f} {test.line.unit}"
-    if error.low is None or error.high is None:
-        return value
-    low, high = (f"{end:.{test.line.decimals}f}" for end in (error.low, error.high))
-    return f"{value}, {low} – {high}"
+    number, share = metric_number(test.error(model), test.line.decimals), test.share(model)
+    if number is None or not test.line.unit:  # a share of wrong sets is that of guessing already
+        return number
+    text = ", ".join([f"{number.text} {test.line.unit}", *number.small])
+    return text if share is None else Number(share, fixed(3), below=text)
 
 
 def _result(tests: Iterable[RealTest]) -> str:
@@ -158,14 +146,24 @@ def _result(tests: Iterable[RealTest]) -> str:
     ordered = [sorted(order, key=lambda model: order[model].value) for order in orders]
     leads = Counter(best for best, *_ in ordered).most_common()
     close = sum(
-        not (order[best].high or math.inf) < (order[second].low or 0.0)
-        for order, (best, second, *_) in zip(orders, ordered, strict=True)
+        _overlap(order[first], order[second])
+        for order, (first, second, *_) in zip(orders, ordered, strict=True)
     )
-    return (
+    result = (
         f"The smallest error of {plural(len(orders), 'test')}: "
-        f"{', '.join(f'{model} on {count}' for model, count in leads)}. On {close} of them the "
-        "95 % intervals of the first two models overlap, so that chance may decide."
+        f"{', '.join(f'{model} on {count}' for model, count in leads)}."
     )
+    if not close:
+        return result
+    return (
+        f"{result} On {close} of them the 95 % intervals of the first two models overlap, so that "
+        "chance may decide."
+    )
+
+
+def _overlap(smaller: PooledMetric, larger: PooledMetric) -> bool:
+    """Return whether the intervals of two errors overlap; True where an end is not known."""
+    return smaller.high is None or larger.low is None or smaller.high >= larger.low
 
 
 def agreement_table(tests: Iterable[RealTest], simulated: Sequence[Record]) -> Table:

@@ -69,12 +69,12 @@ def fit(subject: ModelSubject) -> None:
 
 
 def shapes(subject: ModelSubject) -> None:
-    """One answer for every frame, of the declared kind, finite, of no more than max_contacts."""
+    """One answer for every frame, of the declared kind, finite, in mm, of at most max_contacts."""
     answered = [a for a in subject.answers if isinstance(a, Contacts) and len(a)]
     for answer in answered:
         require(np.abs(answer.xy).max() < 1e3, f"a contact at {answer.xy[0]} mm; xy is in mm")
     far = [max(np.abs(a.xy).max(), np.nan_to_num(a.depth).max()) for a in answered]
-    require(max(far, default=NEAR) >= NEAR, f"no contact beyond {NEAR} mm; xy and depth are in mm")
+    require(max(far, default=NEAR) >= NEAR, f"all xy and depths are below {NEAR}; they are in mm")
 
 
 def finds_contacts(subject: ModelSubject) -> None:

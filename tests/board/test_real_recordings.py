@@ -89,10 +89,8 @@ def test_the_page_says_where_chance_may_decide(fabricate, second, close):
         for model, error in (("mean", 0.8), ("pins", 0.1), ("kernel", second), ("cnn", 0.4))
     ]
     page = real_page({"surface": records})
-    assert page.result == (
-        f"The smallest error of 1 test: pins on 1. On {close} of them the 95 % intervals of the "
-        "first two models overlap, so that chance may decide."
-    )
+    chance = " On 1 of them the 95 % intervals of the first two models overlap, so that chance may"
+    assert page.result == "The smallest error of 1 test: pins on 1." + close * f"{chance} decide."
     (errors,) = page.tables
     assert errors.rows[0][-1].below == "0.1000 mm, 0.0900 – 0.1100"
 
