@@ -92,7 +92,6 @@ from .submissions import refuse_names as refuse_names
 from .submissions import refuse_twins as refuse_twins
 from .submissions import slot as slot
 from .submissions import split_ranked as split_ranked
-from .submissions import text_of as text_of
 from .tradeoffs import Curve as Curve
 from .tradeoffs import Frontier as Frontier
 from .tradeoffs import Point as Point

@@ -20,12 +20,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from tactibench.board.rows import draws_nothing
-from tactibench.board.submissions import read_submission, refuse_names, write_submission
+from tactibench.board.submissions import read_submission, refuse_names
 from tactibench.board.verification import headline, options_of_test
 from tactibench.errors import UserError
 from tactibench.plugins import PluginHost
 from tactibench.protocols import load_protocol, recorded_version
-from tactibench.records import BoundSpec, Metric, Record, Reproduction
+from tactibench.records import BoundSpec, Metric, Record, Reproduction, write_record
 from tactibench.run import (
     Reporter,
     RunPlan,
@@ -235,7 +235,7 @@ def note_reproduction(run: ReproducedRun, by: str) -> Reproduction:
     facts = environment_facts()
     machine = f"{facts['cpu'] or 'unknown'} ({facts['fingerprint']})"
     note = Reproduction(by=by, machine=machine, date=datetime.now(UTC).date().isoformat())
-    write_submission(run.record.model_copy(update={"reproduced": note}), run.path)
+    write_record(run.path, run.record.model_copy(update={"reproduced": note}))
     return note
 
 

@@ -10,7 +10,6 @@ anything is unpacked, and that they are packed answers before a metric reads the
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import zipfile
@@ -36,15 +35,14 @@ from tactibench.records import (
     CHECKSUM,
     Record,
     StoredRun,
-    atomic,
     digest,
     pack,
     parse_record,
     read_json,
     refuse_changed,
     unpack,
-    with_checksum,
     write_arrays,
+    write_record,
 )
 from tactibench.run import FAILURE_COLUMNS as FAILURES
 from tactibench.run import LONGEST_CAUSE, protocol_of, trials_of
@@ -52,10 +50,8 @@ from tactibench.run import LONGEST_CAUSE, protocol_of, trials_of
 Arrays = dict[str, npt.NDArray[Any]]
 
 FOLDER = "submissions"
-LISTS = ("metrics", "speed")
-"""Lists of a record that are written one row a line, so that a diff can be read."""
 LARGEST_RECORD = 2**20
-"""Most bytes of a record; the largest committed one has 25 kB."""
+"""Most bytes of a record; the largest committed one has 105 kB."""
 NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
 """Form of the name of a run, model, encoder or sensor, which is part of file names and pages."""
 LONGEST = 1000
@@ -64,7 +60,7 @@ RANKED = "ranked."
 LARGEST = 64 * 2**20
 """Most bytes of all arrays of a file, unpacked; exp3 needs a third of a megabyte."""
 LARGEST_PACKED = 8 * 2**20
-"""Most bytes of a file of arrays; the largest committed one has 550 kB."""
+"""Most bytes of a file of arrays; the largest committed one has 163 kB."""
 MOST_ARRAYS = 16
 """Most arrays of a file. One holds five of answers, three of failures, and for each of three tests
 two to rank by."""
@@ -126,35 +122,12 @@ def add(run: StoredRun, board: Path) -> tuple[Path, list[Path]]:
         for other in folder.glob("*.json")
         if other != path and slot(read_submission(other)) == slot(record)
     ]
-    write_arrays(answers_file(path), {**predicted, **ranked})
-    write_submission(record, path)
+    write_arrays(answers_file(path), _short({**predicted, **ranked}))
+    write_record(path, record)
     for other in same:
         other.unlink()
         answers_file(other).unlink(missing_ok=True)
     return path, same
-
-
-def write_submission(record: Record, path: Path) -> None:
-    """Write a record with its checksum, as JSON with a line for every key, metric and time."""
-    values = with_checksum(record.json_values())
-    with atomic(path) as stream:
-        stream.write(text_of(Record.model_validate(values)).encode())
-
-
-def text_of(record: Record) -> str:
-    """Return JSON with one line for every key, every metric and every time."""
-    parts = []
-    for name, value in record.json_values().items():
-        if name in LISTS and value:
-            rows = ",\n".join(f"  {_json(row)}" for row in value)
-            parts.append(f" {_json(name)}: [\n{rows}\n ]")
-        else:
-            parts.append(f" {_json(name)}: {_json(value)}")
-    return "{\n" + ",\n".join(parts) + "\n}\n"
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
 
 
 def committed_protocols(board: Path) -> Iterator[str]:
@@ -403,6 +376,19 @@ def read_press_errors(path: Path) -> PressErrors | None:
     return None if main is None else replace(main, apart=read)
 
 
+def _short(arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
+    """Return arrays in four bytes a number where that loses no digit; they are read as eight."""
+    return {
+        name: _single(array) if array.dtype.kind == "f" else array for name, array in arrays.items()
+    }
+
+
+def _single(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    with np.errstate(over="ignore"):  # infinity is another number, so that eight bytes are kept
+        short = values.astype(np.float32)
+    return short if np.array_equal(short, values, equal_nan=True) else values
+
+
 def split_ranked(arrays: Arrays) -> tuple[Arrays, Arrays]:
     """Return the packed answers, and the arrays whose names begin with ``ranked.``."""
     ranked = {name: array for name, array in arrays.items() if name.startswith(RANKED)}
@@ -461,7 +447,7 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArra
             raise ValueError("an array of another size than its header tells")
         stream.seek(0)
         array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-    return array
+    return array.astype(np.float64) if array.dtype == np.float32 else array
 
 
 def check_answers(

@@ -67,6 +67,8 @@ from .store import readable_run as readable_run
 from .store import refuse_changed as refuse_changed
 from .store import run_names as run_names
 from .store import stored_runs as stored_runs
+from .store import text_of as text_of
 from .store import unscored_run as unscored_run
 from .store import with_checksum as with_checksum
 from .store import write_answers as write_answers
+from .store import write_record as write_record

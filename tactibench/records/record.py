@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, Literal
 
@@ -13,6 +13,8 @@ from pydantic import (
     Field,
     NonNegativeInt,
     ValidationError,
+    field_serializer,
+    field_validator,
 )
 
 from tactibench.contacts import Workspace
@@ -23,6 +25,9 @@ SCHEMA = 1
 OLDER = "; a record of an older form is read by commit e6a49ac9"
 SHARES = ("missed", "resolved", "catch_resolved", "coverage")
 """Metrics that are shares of something and lie in 0..1."""
+
+TABLES = ("metrics", "speed")
+"""Lists of a record that a file holds as tables: names of columns once, then the rows."""
 
 ROUNDING = 1e-9
 """Share of a value, or of 1, by which sums in another order may differ."""
@@ -48,6 +53,31 @@ class _Open(_Strict):
     def __bool__(self) -> bool:
         """Return whether the record holds any key of this part."""
         return bool(self.model_fields_set)
+
+
+def _table(rows: Sequence[_Strict]) -> dict[str, list[Any]]:
+    """Return rows as a table of the columns that any of them states, in the declared order."""
+    values = [row.json_values() for row in rows]
+    stated = {name for row in values for name in row}
+    columns = [name for row in rows[:1] for name in type(row).model_fields if name in stated]
+    return {"columns": columns, "data": [[row.get(name) for name in columns] for row in values]}
+
+
+def _rows(table: Any) -> Any:
+    """Return the rows of a table by the names of its columns; a list of rows as it is.
+
+    Raises:
+        ValueError: It is no table.
+    """
+    match table:
+        case {"columns": [*columns], "data": [*rows], **others} if not others:
+            lengths = {len(row) if isinstance(row, list) else -1 for row in rows}
+            named = all(isinstance(name, str) for name in columns)
+            if named and len({*columns}) == len(columns) and lengths <= {len(columns)}:
+                return [dict(zip(columns, row, strict=True)) for row in rows]
+        case [*_]:
+            return table
+    raise ValueError("a table has 'columns' with different names, and 'data' with rows as long")
 
 
 class Metric(_Strict):
@@ -557,6 +587,9 @@ class Record(_Strict):
     data: FrameCounts
     signature: str
     reproduced: Reproduction | None = None
+
+    _read_tables = field_validator(*TABLES, mode="before")(_rows)
+    _write_tables = field_serializer(*TABLES)(_table)
 
     @property
     def shots(self) -> int:

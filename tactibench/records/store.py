@@ -6,6 +6,7 @@ its record is written last. So no computed answer is lost where scoring fails.
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -18,16 +19,16 @@ import numpy.typing as npt
 from tactibench.errors import UserError, did_you_mean
 from tactibench.records.files import (
     arrays_hash,
+    atomic,
     beside,
     locked,
     read_arrays,
     read_json,
     replace_folder,
     write_arrays,
-    write_json,
 )
 from tactibench.records.identity import digest
-from tactibench.records.record import Record, check_invariants, parse_record
+from tactibench.records.record import TABLES, Record, check_invariants, parse_record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -140,7 +141,8 @@ def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> S
     try:
         for name in PARTS:
             write_arrays(answers / f"{name}.npz", parts[name])
-        record = _write_record(answers, record)  # the last file: with it the answers are complete
+        # The last file: with it the answers are complete.
+        record = write_record(answers / RECORD, record)
     except BaseException:
         shutil.rmtree(answers, ignore_errors=True)
         raise
@@ -166,7 +168,7 @@ def complete_run(answers: StoredRun, record: Record) -> StoredRun:
         UserError: The record breaks an invariant, and the answers stay where they are.
     """
     check_invariants(record, f"the record of {record.name}")
-    record = _write_record(answers.folder, record)
+    record = write_record(answers.folder / RECORD, record)
     folder = answers.folder.with_name(record.name)
     replace_folder(answers.folder, folder)
     return StoredRun(folder, record, answers.parts)
@@ -225,11 +227,31 @@ def _opened(folder: Path) -> StoredRun:
     return StoredRun(folder, record)
 
 
-def _write_record(folder: Path, record: Record) -> Record:
-    """Write the record of a folder with its checksum, and return it with the checksum."""
-    values = with_checksum(record.json_values())
-    write_json(folder / RECORD, values)
-    return _with_identity(record, checksum=values["identity"][CHECKSUM])
+def write_record(path: Path, record: Record) -> Record:
+    """Write a record with its checksum, and return it with the checksum."""
+    checksum = with_checksum(record.json_values())["identity"][CHECKSUM]
+    record = _with_identity(record, checksum=checksum)
+    with atomic(path) as stream:
+        stream.write(text_of(record).encode())
+    return record
+
+
+def text_of(record: Record) -> str:
+    """Return JSON with a line for every key and every row of a table, to read in a diff."""
+    values = record.json_values()
+    lines = [f" {_compact(name)}: {_value_text(name, value)}" for name, value in values.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _value_text(name: str, value: Any) -> str:
+    if name not in TABLES:
+        return _compact(value)
+    columns, *rows = map(_compact, (value["columns"], *value["data"]))
+    return f'{{"columns":{columns},"data":[\n' + ",\n".join(rows) + "\n ]}"
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 
 
 def _with_identity(record: Record, **changes: Any) -> Record:

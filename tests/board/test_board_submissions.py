@@ -11,8 +11,18 @@ import pytest
 from stored_answers import store_run
 
 from tactibench import UserError
-from tactibench.board import FOLDER, add, compact, read_submissions, refuse_twins, slot, text_of
-from tactibench.records import open_run
+from tactibench.board import (
+    FOLDER,
+    add,
+    answers_file,
+    compact,
+    read_answers_file,
+    read_submissions,
+    refuse_twins,
+    slot,
+    split_ranked,
+)
+from tactibench.records import arrays_hash, open_run, text_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,10 +65,22 @@ def test_the_text_is_json_with_a_line_a_metric(fabricate):
     record = compact(fabricate())
     text = text_of(record)
     assert json.loads(text) == record.json_values()
-    lines = text.split("\n")
-    assert sum(line.startswith('  {"metric"') for line in lines) == len(record.metrics)
+    lines = [line.split(",")[0] for line in text.split("\n")]
+    for row in record.metrics:
+        assert f'["{row.metric}"' in lines
+    assert sum(line.startswith('["') for line in lines) == len(record.metrics) + len(record.speed)
     record.metrics = []
     assert json.loads(text_of(record)) == record.json_values()
+
+
+def test_answers_take_four_bytes_a_number_and_lose_none(tmp_path, stored):
+    run = stored()
+    path, _ = add(run, tmp_path / "board")
+    with np.load(answers_file(path)) as file:
+        assert file["depth"].dtype == np.float32
+        assert file["xy"].dtype == np.float64  # fabricated places, which were not rounded
+    answers, _ = split_ranked(read_answers_file(answers_file(path)))
+    assert arrays_hash(answers) == run.record.identity.predictions_hash
 
 
 def test_a_newer_run_of_a_row_and_seed_takes_the_place_of_the_older(tmp_path, stored):

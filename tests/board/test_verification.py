@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changed_record import listed_tables
 from few_presses import few_presses
 
 from tactibench import Contacts, SensorSpec, UserError
@@ -23,7 +24,6 @@ from tactibench.board import (
     compact,
     make_truth,
     ranked_errors,
-    text_of,
     verification,
     verify,
 )
@@ -46,6 +46,7 @@ from tactibench.records import (
     make_signature,
     pack_contacts,
     read_arrays,
+    text_of,
     unpack_contacts,
     write_arrays,
 )
@@ -114,7 +115,7 @@ def moved(contacts: Contacts) -> Contacts:
 
 
 def edited(path: Path, change: Callable[[dict[str, Any]], None]) -> Path:
-    record = json.loads(path.read_text(encoding="utf-8"))
+    record = listed_tables(path.read_text(encoding="utf-8"))
     change(record)
     path.write_text(json.dumps(record), encoding="utf-8")
     return path

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from tactibench import api
-from tactibench.board import compact, text_of
+from tactibench.board import compact
 from tactibench.cli.plot import plot
+from tactibench.records import text_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from changed_record import listed_tables
 
 from tactibench import UserError
 from tactibench.board import compact
-from tactibench.records import CHECKSUM, make_signature, parse_record, with_checksum
+from tactibench.records import CHECKSUM, make_signature, parse_record, text_of, with_checksum
 
 
 def test_a_good_record_is_read(values: dict[str, Any]) -> None:
@@ -43,6 +44,39 @@ def test_every_key_is_needed_and_no_other_allowed(values: dict[str, Any]) -> Non
             parse_record(without, "here")
     with pytest.raises(UserError, match="'more'"):
         parse_record({**values, "more": 1}, "here")
+
+
+def test_rows_are_written_as_a_table_and_read_again(values: dict[str, Any]) -> None:
+    values["metrics"][1]["censored"] = ">"  # a column that one row states
+    record = parse_record(values, "here")
+    text = text_of(record)
+    table = json.loads(text)["metrics"]
+    assert table["columns"] == [*values["metrics"][0], "censored"]
+    assert [row[-1] for row in table["data"]] == [None, ">", None, None]
+    again = parse_record(json.loads(text), "here")
+    assert again.metrics == record.metrics
+    assert again.speed == record.speed
+    assert text_of(again) == text
+    assert listed_tables(text)["speed"] == values["speed"]
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"columns": ["metric"]},
+        {"columns": ["metric"], "data": [], "more": 1},
+        {"columns": "metric", "data": []},
+        {"columns": ["metric", ["group"]], "data": []},
+        {"columns": ["metric", "metric"], "data": [["mae_mm", "rmse_mm"]]},
+        {"columns": ["metric", "group"], "data": [["mae_mm"]]},
+        {"columns": ["metric"], "data": [7]},
+        {"columns": ["metric"], "data": 7},
+        "text",
+    ],
+)
+def test_no_table(values: dict[str, Any], table: Any) -> None:
+    with pytest.raises(UserError, match=r"'metrics': .* a table has 'columns'"):
+        parse_record({**values, "metrics": table}, "here")
 
 
 BROKEN: dict[str, tuple[str, Any, str]] = {

@@ -50,7 +50,7 @@ def test_a_half_written_run_is_invisible(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr(module, "write_json", full)
+    monkeypatch.setattr(module, "write_record", full)
     with pytest.raises(OSError, match="full"):
         write_run(tmp_path, record, parts)
     assert not list(stored_runs(tmp_path))

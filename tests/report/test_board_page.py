@@ -16,12 +16,11 @@ from tactibench.board import (
     gather_records,
     sections_of,
     select_section,
-    text_of,
     trained_for,
 )
 from tactibench.metrics import all_metrics
 from tactibench.protocols import board_spec, load_protocol, load_published, protocol_files
-from tactibench.records import measured_on
+from tactibench.records import measured_on, text_of
 from tactibench.report import board_page, board_rows, page_files, table_lines
 
 ROOT = Path(__file__).resolve().parents[2]

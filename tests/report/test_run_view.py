@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from tactibench.board import Placement, RankInterval, Row, compact, ranking_error, text_of
-from tactibench.records import Record, SimulatorError
+from tactibench.board import Placement, RankInterval, Row, compact, ranking_error
+from tactibench.records import Record, SimulatorError, text_of
 from tactibench.report import (
     error_line,
     metric_number,

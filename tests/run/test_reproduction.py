@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from changed_record import listed_tables
 
 from tactibench import UserError, api
 from tactibench.board import (
@@ -79,7 +80,7 @@ def test_a_better_error_than_that_of_the_run_is_not_reproduced(
     submitted, host, installed, tmp_path
 ) -> None:
     path = submitted()
-    record = json.loads(path.read_text(encoding="utf-8"))
+    record = listed_tables(path.read_text(encoding="utf-8"))
     del record["identity"]["sealed"]
     (row,) = (
         r for r in record["metrics"] if (r["metric"], r["group"]) == ("gospa_depth_mm", "all")

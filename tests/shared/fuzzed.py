@@ -82,9 +82,8 @@ def _record(data: bytes, folder: Path) -> None:
         refuse_differences,
         refuse_names,
         slot,
-        text_of,
     )
-    from tactibench.records import make_signature
+    from tactibench.records import make_signature, text_of
 
     name = re.search(rb'"name": "([A-Za-z0-9][A-Za-z0-9_-]*)"', data)
     place = folder / "exp2"
