@@ -77,7 +77,7 @@ def _rows(table: Any) -> Any:
                 return [dict(zip(columns, row, strict=True)) for row in rows]
         case [*_]:
             return table
-    raise ValueError("a table has 'columns' with different names, and 'data' with rows as long")
+    raise ValueError("a table names each column once in 'columns'; rows in 'data' are as long")
 
 
 class Metric(_Strict):

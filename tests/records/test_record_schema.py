@@ -75,7 +75,7 @@ def test_rows_are_written_as_a_table_and_read_again(values: dict[str, Any]) -> N
     ],
 )
 def test_no_table(values: dict[str, Any], table: Any) -> None:
-    with pytest.raises(UserError, match=r"'metrics': .* a table has 'columns'"):
+    with pytest.raises(UserError, match=r"'metrics': .* a table names each column once"):
         parse_record({**values, "metrics": table}, "here")
 
 
