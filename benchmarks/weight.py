@@ -58,7 +58,7 @@ CEILINGS: dict[str, tuple[int, int]] = {
     "tactibench/plugins": (669, 5),
     "tactibench/protocols": (1094, 5),
     "tactibench/records": (895, 7),
-    "tactibench/report": (3438, 17),
+    "tactibench/report": (3444, 17),
     "tactibench/run": (2833, 16),
     "tactibench/scaffold": (105, 2),
     "tactibench/stats": (324, 4),

@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any, Literal, ParamSpec
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import AutoLocator, LogLocator, NullFormatter, StrMethodFormatter
 
 from tactibench.records import atomic
 from tactibench.report.tables import Table
@@ -142,9 +143,19 @@ def plain(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+class _Multiples(LogLocator):
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        ticks = np.asarray(super().tick_values(vmin, vmax))
+        several = ((vmin <= ticks) & (ticks <= vmax)).sum() > 1
+        return ticks if several else AutoLocator().tick_values(vmin, vmax)
+
+
 def log_ticks(axis: Any, subs: Sequence[float] = (1, 2, 5)) -> None:
-    """Label a logarithmic axis with values, not powers, at the multiples ``subs`` of a decade."""
-    axis.set_major_locator(LogLocator(subs=subs))
+    """Label a logarithmic axis with values, not powers, at the multiples ``subs`` of a decade.
+
+    An axis that shows fewer than two of these has evenly spaced values, so that it can be read.
+    """
+    axis.set_major_locator(_Multiples(subs=subs))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 

@@ -217,6 +217,19 @@ def test_labels_of_a_frontier_do_not_overlap(fabricate: Any, named: bool) -> Non
     assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
+@pytest.mark.parametrize("times", [(0.89, 1.37), (4.5, 4.9), (1.2, 3.0), (0.3, 90.0)])
+def test_every_axis_of_a_frontier_has_two_labels_or_more(
+    fabricate: Any, times: tuple[float, float]
+) -> None:
+    records = [
+        fabricate(settings={"width": k}, error=t / 40, p90_ms=t) for k, t in enumerate(times)
+    ]
+    (axes,) = frontier_figure(frontiers(rows_of(records), ERROR), ERROR).axes
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        assert sum(low <= tick <= high for tick in axis.get_majorticklocs()) >= 2
+
+
 def test_a_frontier_marks_times_that_are_not_settled(fabricate: Any) -> None:
     quiet, busy = (fabricate(settings={"width": w}, error=w / 99, p90_ms=w) for w in (8, 16))
     for speed in busy.speed:
